@@ -1,0 +1,40 @@
+// Event arrays: what a camera reports, borrowed column by column.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+namespace emseg {
+
+// Sensor size in pixels.
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+
+  friend bool operator==(const ImageSize&, const ImageSize&) = default;
+};
+
+// The columns of an event array, borrowed.  Event k is (x[k], y[k], t[k], p[k]); t is in microseconds and
+// never decreases; p is 1 for a rise in brightness and 0 for a fall.
+struct EventView {
+  std::span<const std::uint16_t> x;
+  std::span<const std::uint16_t> y;
+  std::span<const std::int64_t> t;
+  std::span<const std::uint8_t> p;
+
+  std::size_t size() const { return t.size(); }
+  bool empty() const { return t.empty(); }
+
+  // Events begin .. end-1.
+  EventView slice(std::size_t begin, std::size_t end) const {
+    return {x.subspan(begin, end - begin), y.subspan(begin, end - begin), t.subspan(begin, end - begin),
+            p.subspan(begin, end - begin)};
+  }
+};
+
+// Checks lengths, coordinates, polarities and time order.
+// Throws std::invalid_argument that names the first offending event and what was expected.
+void check_events(const EventView& events, ImageSize size);
+
+}  // namespace emseg

@@ -1,0 +1,1 @@
+"""emseg: motion segmentation with event cameras."""
