@@ -1,3 +1,5 @@
+#include <pybind11/stl.h>
+
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
 #include "numpy_views.hpp"
@@ -20,8 +22,9 @@ PointView point_view(const Array<float>& x, const Array<float>& y, const Array<f
 
 void bind_motion(py::module_& m) {
   py::class_<WarpFrame>(m, "WarpFrame", "What warps are relative to: image centre, normalising length, intrinsics.")
-      .def(py::init([](int width, int height, const Camera* camera) { return make_warp_frame({width, height}, camera); }),
-           py::arg("width"), py::arg("height"), py::arg("camera") = nullptr)
+      .def(py::init([](int width, int height) { return make_warp_frame({width, height}); }), py::arg("width"),
+           py::arg("height"))
+      .def(py::init([](const Camera& camera) { return make_warp_frame(camera.size, &camera); }), py::arg("camera"))
       .def_readonly("cx", &WarpFrame::cx)
       .def_readonly("cy", &WarpFrame::cy)
       .def_readonly("f0", &WarpFrame::f0);
