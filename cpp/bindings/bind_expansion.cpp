@@ -26,6 +26,46 @@ void bind_max_flow(py::module_& m) {
       py::arg("sink"), "Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.");
 }
 
+// The same functions for 32- and 64-bit costs, told apart by the arrays' type.
+template <typename Cost>
+void bind_labeling(py::module_& m) {
+  m.def(
+      "labeling_energy",
+      [](std::int32_t label_count, const Array<Cost>& unary, const Array<std::int64_t>& indptr,
+         const Array<std::int32_t>& indices, const Array<Cost>& weight, const Array<std::int64_t>& label_cost,
+         const Array<std::int32_t>& labels) {
+        const BasicLabelingProblem<Cost> problem{label_count,   view(unary),  view(indptr),
+                                                 view(indices), view(weight), view(label_cost)};
+        py::gil_scoped_release release;
+        return labeling_energy(problem, view(labels));
+      },
+      py::arg("label_count"), py::arg("unary"), py::arg("indptr"), py::arg("indices"), py::arg("weight"),
+      py::arg("label_cost"), py::arg("labels"), "Data, Potts and label costs of a labelling.");
+  m.def(
+      "expansion",
+      [](std::int32_t label_count, const Array<Cost>& unary, const Array<std::int64_t>& indptr,
+         const Array<std::int32_t>& indices, const Array<Cost>& weight, const Array<std::int64_t>& label_cost,
+         const Array<std::int32_t>& initial, int max_sweeps) {
+        const BasicLabelingProblem<Cost> problem{label_count,   view(unary),  view(indptr),
+                                                 view(indices), view(weight), view(label_cost)};
+        ExpansionResult result;
+        {
+          py::gil_scoped_release release;
+          result = expansion(problem, view(initial), {.max_sweeps = max_sweeps});
+        }
+        return py::make_tuple(to_numpy(std::move(result.labels)), result.energy,
+                              to_numpy(std::move(result.energy_trace)));
+      },
+      py::arg("label_count"), py::arg("unary"), py::arg("indptr"), py::arg("indices"), py::arg("weight"),
+      py::arg("label_cost"), py::arg("initial"), py::arg("max_sweeps"),
+      "Labels, energy, and the energy before the first sweep and after each; an empty initial starts from the\n"
+      "cheapest labels.");
+}
+
 }  // namespace
 
-void bind_expansion(py::module_& m) { bind_max_flow(m); }
+void bind_expansion(py::module_& m) {
+  bind_max_flow(m);
+  bind_labeling<std::int32_t>(m);
+  bind_labeling<std::int64_t>(m);
+}
