@@ -7,14 +7,14 @@ using namespace emseg::bindings;
 
 namespace {
 
-py::array_t<std::int64_t> to_numpy(const std::vector<Window>& windows) {
+py::array_t<std::int64_t> bounds_of(const std::vector<Window>& windows) {
   std::vector<std::int64_t> bounds;
   bounds.reserve(2 * windows.size());
   for (const Window& window : windows) {
     bounds.push_back(static_cast<std::int64_t>(window.begin));
     bounds.push_back(static_cast<std::int64_t>(window.end));
   }
-  return bindings::to_numpy(std::move(bounds), {static_cast<py::ssize_t>(windows.size()), 2});
+  return to_numpy(std::move(bounds), {static_cast<py::ssize_t>(windows.size()), 2});
 }
 
 }  // namespace
@@ -33,7 +33,7 @@ void bind_event(py::module_& m) {
   m.def(
       "windows_by_count",
       [](std::size_t event_count, std::size_t count) {
-        return to_numpy(windows_by_count(event_count, count));
+        return bounds_of(windows_by_count(event_count, count));
       },
       py::arg("event_count"), py::arg("count"),
       "Bounds int64 (k, 2) of successive windows of `count` events; the last holds the rest.");
@@ -46,7 +46,7 @@ void bind_event(py::module_& m) {
           py::gil_scoped_release release;
           windows = windows_by_duration(times, duration_us);
         }
-        return to_numpy(windows);
+        return bounds_of(windows);
       },
       py::arg("t"), py::arg("duration_us"),
       "Bounds int64 (k, 2) of the windows [t0 + k d, t0 + (k+1) d) that hold events.");

@@ -72,7 +72,7 @@ class Camera:
         self.to_native()
 
     @property
-    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the name that everyone gives this matrix
+    def K(self) -> NDArray[np.float64]:
         """The intrinsic matrix, float64 (3, 3): pixels from rays of unit depth."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
@@ -160,7 +160,7 @@ def _read_text(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: expected the numbers '{_TEXT_FIELDS}': {error}") from error
     if len(numbers) not in (4, 8, 9):
         raise ValueError(
-            f"{path}: {len(numbers)} numbers, expected '{_TEXT_FIELDS}' (k3, or all coefficients, may be absent)"
+            f"{path}: {len(numbers)} numbers, not '{_TEXT_FIELDS}' (k3 or all coefficients may be absent)"
         )
     values: dict[str, Any] = dict(zip(("fx", "fy", "cx", "cy"), numbers, strict=False))
     values["distortion"] = tuple(numbers[4:])

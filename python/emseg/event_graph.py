@@ -56,6 +56,4 @@ def event_graph(events: Events) -> EventGraph:
 
     Source: Zhou et al., "Event-based Motion Segmentation with Spatio-Temporal Graph Cuts", TNNLS 2021, III-B.
     """
-    return EventGraph(
-        *_core.event_graph(events.x, events.y, events.t, events.p, events.width, events.height)
-    )
+    return EventGraph(*_core.event_graph(events.x, events.y, events.t, events.p, events.width, events.height))
