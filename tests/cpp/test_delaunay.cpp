@@ -170,6 +170,21 @@ TEST_CASE("small sets of every density") {
   }
 }
 
+TEST_CASE("every set of pixels on a small grid") {
+  for (const auto& [width, height] : {std::pair{4, 3}, {2, 6}, {3, 4}, {6, 2}}) {
+    const std::vector<Pixel> grid = full_grid(width, height);
+    for (std::uint32_t members = 1; members < (1u << grid.size()); ++members) {
+      std::vector<Pixel> pixels;
+      for (std::size_t k = 0; k < grid.size(); ++k) {
+        if ((members >> k & 1) != 0) pixels.push_back(grid[k]);
+      }
+      if (pixels.size() < 2) continue;
+      CAPTURE(members);
+      check_delaunay(pixels);
+    }
+  }
+}
+
 TEST_CASE("sparse and dense sets as a sensor gives them") {
   check_delaunay(random_pixels(300, 240, 180, 1));
   check_delaunay(random_pixels(1500, 240, 180, 2));
