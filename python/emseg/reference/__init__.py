@@ -1,7 +1,7 @@
-"""The classical method in plain NumPy, SciPy, PyMaxflow and numba: slow, obvious, independent of the native engine.
+"""The classical method in plain NumPy, SciPy, PyMaxflow and numba: slow, obvious, without the native engine.
 
-Read `segment` first; it calls, in this order, `graph`, `pool` (through `search` and `fit`), `energy` and `expansion`.
-Tests and benchmarks hold the engine against it.  Needs the extra `reference`.
+Read `segment` first; it calls, in this order, `graph`, `pool` (through `search` and `fit`), `energy` and
+`expansion`. Tests and benchmarks hold the engine against it.  Needs the extra `reference`.
 """
 
 from emseg.reference.camera import Camera, undistortion_table

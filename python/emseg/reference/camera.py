@@ -40,8 +40,8 @@ class Camera:
     def undistort(self, points: Floats) -> Floats:
         """Undistorted pixels (n, 2) of the sensor's pixels (n, 2); inverts `distort`.
 
-        Newton's method with a numerical Jacobian.  Raises ValueError where it does not converge, which is where
-        the polynomial folds back and the pixel has no undistorted place.
+        Newton's method with a numerical Jacobian.  Raises ValueError where it does not converge, which is
+        where the polynomial folds back and the pixel has no undistorted place.
         """
         target = self.bearing(np.asarray(points, dtype=np.float64))
         guess = target.copy()
@@ -51,14 +51,19 @@ class Camera:
             if np.abs(residual).max(initial=0.0) < 1e-12:
                 return self.project(guess)
             along_x, along_y = (
-                (self._distort_normalised(guess + step * axis) - self._distort_normalised(guess - step * axis))
+                (
+                    self._distort_normalised(guess + step * axis)
+                    - self._distort_normalised(guess - step * axis)
+                )
                 / (2 * step)
                 for axis in np.eye(2)
             )
             jacobian = np.stack([along_x, along_y], axis=-1)
             guess -= np.linalg.solve(jacobian, residual[..., None])[..., 0]
-        raise ValueError(f"distortion {self.distortion} cannot be inverted over the image; expected a lens model "
-                         "that is one-to-one there")
+        raise ValueError(
+            f"distortion {self.distortion} cannot be inverted over the image; expected a lens model "
+            "that is one-to-one there"
+        )
 
     def _distort_normalised(self, normalised: Floats) -> Floats:
         x, y = normalised.T

@@ -1,6 +1,7 @@
 """Contrast (focus measures) of an image of warped events: the sharper the image, the larger.
 
-Sources: Gallego, Rebecq, Scaramuzza, CVPR 2018 (variance); Gallego, Gehrig, Scaramuzza, CVPR 2019 (the others).
+Sources: Gallego, Rebecq, Scaramuzza, CVPR 2018 (variance); Gallego, Gehrig, Scaramuzza, CVPR 2019
+(the others).
 """
 
 from __future__ import annotations

@@ -1,8 +1,11 @@
 """The energy of a labelling, in integers.
 
-    (1)  E(L, M) = sum_k round(lambda_D D(e_k, M_L(k))) + lambda_P sum_(i,j) in N [L_i != L_j] + lambda_M |labels used|
+    (1)  E(L, M) = sum_k round(lambda_D D(e_k, M_L(k)))
+                   + lambda_P sum_(i,j) in N [L_i != L_j]
+                   + lambda_M |labels used|
 
-Sources: Zhou et al., TNNLS 2021 (data and Potts terms); Delong, Osokin, Isack, Boykov, IJCV 2012 (label costs).
+Sources: Zhou et al., TNNLS 2021 (data and Potts terms); Delong, Osokin, Isack, Boykov, IJCV 2012
+(label costs).
 """
 
 from __future__ import annotations
@@ -26,18 +29,14 @@ LOG_FLOOR = 0.15  # events per pixel below which the logarithm flattens
 LOG_QUANTILE = 0.95  # of the events' best values: the value that costs nothing
 
 
-def warped_image_values(model: MotionModel, window: Window, *, sigma: float = 1.0) -> Floats:
-    """G(e, m) (n,): the image of all events of the window warped by the model, looked up where it takes each."""
-    return bilinear_lookup(iwe(model, window, sigma=sigma), warp(model, window))
-
-
-def warped_image_peak(model: MotionModel, window: Window, *, sigma: float = 1.0) -> float:
-    """The largest value of the image of all events of the window warped by the model."""
-    return float(iwe(model, window, sigma=sigma).max())
+def warped_image_values(model: MotionModel, window: Window, *, sigma: float = 1.0) -> tuple[Floats, float]:
+    """G(e, m) (n,): the image of all events of the window warped by m, looked up where m takes each; its peak."""
+    image = iwe(model, window, sigma=sigma)
+    return bilinear_lookup(image, warp(model, window)), float(image.max())
 
 
 def published_data_term(values: Floats, peak: float) -> Floats:
-    """(2)  D(e, m) = 255 (1 - IWE_m(x') / IWE_max), (n, models); peak = IWE_max over the pixels of all models."""
+    """(2)  D(e, m) = 255 (1 - IWE_m(x') / IWE_max), (n, models); peak = IWE_max, of all models' images."""
     return MAX_COST * (1 - values / peak) if peak > 0 else np.full_like(values, MAX_COST)
 
 
@@ -55,14 +54,15 @@ def unary_costs(
     models: Sequence[MotionModel],
     window: Window,
     *,
-    data_term: str = "logarithmic",
+    data_term: str = "published",
     lambda_data: float = 1.0,
     sigma: float = 1.0,
 ) -> Integers:
     """round(lambda_D D(e_k, m)), int64 (n, models)."""
-    values = np.stack([warped_image_values(model, window, sigma=sigma) for model in models], axis=1)
+    columns, peaks = zip(*[warped_image_values(model, window, sigma=sigma) for model in models], strict=True)
+    values = np.stack(columns, axis=1)
     if data_term == "published":
-        cost = published_data_term(values, max(warped_image_peak(model, window, sigma=sigma) for model in models))
+        cost = published_data_term(values, max(peaks))
     elif data_term == "logarithmic":
         cost = logarithmic_data_term(values)
     else:

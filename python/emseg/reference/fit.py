@@ -1,6 +1,7 @@
 """Contrast maximisation: the model whose image of warped events is sharpest.
 
-Source: Gallego, Rebecq, Scaramuzza, "A Unifying Contrast Maximization Framework for Event Cameras", CVPR 2018.
+Source: Gallego, Rebecq, Scaramuzza, "A Unifying Contrast Maximization Framework for Event
+Cameras", CVPR 2018.
 """
 
 from __future__ import annotations
@@ -44,8 +45,10 @@ def fit_motion(window: Window, options: FitOptions | None = None) -> tuple[Motio
     return refine(start, window, options)
 
 
-def refine(start: MotionModel, window: Window, options: FitOptions | None = None) -> tuple[MotionModel, float]:
-    """Conjugate gradients from a start; the best model evaluated on the way, the start included, and its contrast.
+def refine(
+    start: MotionModel, window: Window, options: FitOptions | None = None
+) -> tuple[MotionModel, float]:
+    """Conjugate gradients from a start: the best model met on the way, the start included, and its contrast.
 
     Parameters are held within the reach of the published grid: beyond it the sharpest image is that of events
     drawn together into a point (event collapse: Shiba, Aoki, Gallego, Sensors 2022).
@@ -101,4 +104,6 @@ def one_pixel_step(kind: str, window: Window) -> Floats:
 
 def central_difference(function: Callable[[Floats], float], x: Floats, step: float) -> Floats:
     """Gradient (dof,) of a scalar function at x (dof,)."""
-    return np.array([(function(x + step * axis) - function(x - step * axis)) / (2 * step) for axis in np.eye(len(x))])
+    return np.array(
+        [(function(x + step * axis) - function(x - step * axis)) / (2 * step) for axis in np.eye(len(x))]
+    )

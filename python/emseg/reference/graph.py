@@ -1,6 +1,7 @@
 """The space-time graph: which events are neighbours.
 
-Source: Zhou, Gallego, Lu, Liu, Shen, "Event-based Motion Segmentation with Spatio-Temporal Graph Cuts", TNNLS 2021.
+Source: Zhou, Gallego, Lu, Liu, Shen, "Event-based Motion Segmentation with Spatio-Temporal Graph Cuts",
+TNNLS 2021.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class EventGraph:
-    """Undirected graph in compressed rows; each edge {i, j} stands once, in the row of its smaller end, sorted."""
+    """Undirected graph in compressed rows: each edge stands once, in the row of its smaller end, sorted."""
 
     indptr: Integers  # (sites + 1,)
     indices: Integers  # (edges,)
@@ -56,9 +57,9 @@ def delaunay_edges(pixels: Integers) -> Integers:
 def build_event_graph(pixel: Integers) -> EventGraph:
     """The graph over events at pixels (n, 2), given in time order.
 
-    Each event is joined to its predecessor and successor at its own pixel and, for every Delaunay neighbour of that
-    pixel, to the last event before it and the first after it there.  Before and after go by the events' order, which
-    is time with ties broken by position in the array.
+    Each event is joined to its predecessor and successor at its own pixel and, for every Delaunay neighbour
+    of that pixel, to the last event before it and the first after it there.  Before and after go by the
+    events' order, which is time with ties broken by position in the array.
     """
     active, pixel_of_event = np.unique(pixel, axis=0, return_inverse=True)
     by_pixel = np.argsort(pixel_of_event.ravel(), kind="stable")

@@ -55,7 +55,7 @@ def iwe(model: MotionModel, window: Window, *, sigma: float = 1.0) -> Floats:
 
 @njit(cache=True)
 def bilinear_lookup(image: Floats, points: Floats) -> Floats:
-    """The image's value (n,) at points (n, 2) between pixels; outside the image is zero.  Adjoint of the votes."""
+    """The image's value (n,) at points (n, 2) between pixels, zero outside it: the votes' adjoint."""
     height, width = image.shape
     values = np.zeros(len(points))
     for k in range(len(points)):

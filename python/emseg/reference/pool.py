@@ -15,8 +15,8 @@ MIN_RELATIVE_DENSITY = 0.75  # of the whole image's events per pixel
 def sub_volumes(window: Window, *, bracket_row: int) -> list[NDArray[np.bool_]]:
     """Masks (n,) of the events of each kept sub-volume: h x h blocks of the sensor for h = 1 .. bracket_row.
 
-    The last row and column of blocks take the remainder.  A block is kept if its events per pixel are at least
-    `MIN_RELATIVE_DENSITY` of the whole image's, and if it holds any.
+    The last row and column of blocks take the remainder.  A block is kept if its events per pixel are at
+    least `MIN_RELATIVE_DENSITY` of the whole image's, and if it holds any.
     """
     width, height = window.frame.width, window.frame.height
     least_density = MIN_RELATIVE_DENSITY * len(window) / (width * height)

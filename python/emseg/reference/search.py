@@ -37,7 +37,12 @@ class SearchOptions:
 
 
 def search(
-    window: Window, kind: str, *, contrast: str = "variance", sigma: float = 1.0, options: SearchOptions | None = None
+    window: Window,
+    kind: str,
+    *,
+    contrast: str = "variance",
+    sigma: float = 1.0,
+    options: SearchOptions | None = None,
 ) -> MotionModel:
     """A model of the kind whose image of the window's events is sharp: a start for `fit.refine`."""
     options = options or SearchOptions()
@@ -58,8 +63,8 @@ def search(
 def grid_search(score: Callable[[Floats], float], reach: Floats, *, levels: int) -> Floats:
     """The best of 5^dof trials a level around the best of the level before; a tie keeps the earlier trial.
 
-    Level l = 1 .. levels tries -2, -1, 0, 1, 2 steps of reach / 2^l in every parameter, so that the first level
-    spans the reach (dof,) both ways.
+    Level l = 1 .. levels tries -2, -1, 0, 1, 2 steps of reach / 2^l in every parameter, so that the first
+    level spans the reach (dof,) both ways.
     """
     best = np.zeros(len(reach))
     best_score = score(best)
@@ -75,7 +80,7 @@ def grid_search(score: Callable[[Floats], float], reach: Floats, *, levels: int)
 
 
 def half_range(kind: str, frame: ImageFrame, options: SearchOptions) -> Floats:
-    """How far the first level of the published grid goes in each parameter (dof,); all its levels go twice as far.
+    """How far the first level of the published grid goes in each parameter (dof,); all go twice as far.
 
     It is published for translation and similarity; the other models take the range nearest in meaning.
     """
@@ -129,7 +134,7 @@ def _best_velocity(position: Floats, dt: Floats, trials: Floats) -> Floats:
 
 
 def meeting_pairs(position: Floats, dt: Floats, velocity: Floats) -> int:
-    """Ordered pairs of events that one velocity brings into the same cell: the sum over cells of n (n - 1)."""
+    """Ordered pairs of events that a velocity brings into the same cell: the sum over cells of n (n - 1)."""
     if len(dt) == 0:
         return 0
     warped = position - dt[:, None] * velocity

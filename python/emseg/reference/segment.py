@@ -71,9 +71,9 @@ def segment(
     with _Stopwatch(timings, "graph"):
         graph = build_event_graph(window.pixel)
     with _Stopwatch(timings, "pool"):
-        models = list(pool) if pool is not None else model_pool(
-            window, bracket_row=options.bracket_row, fit=options.fit
-        )
+        if pool is None:
+            pool = model_pool(window, bracket_row=options.bracket_row, fit=options.fit)
+        models = list(pool)
     if not models:
         raise ValueError("an empty model pool; expected at least one model")
     problem = _Problem(window, graph, options)
@@ -83,9 +83,11 @@ def segment(
     energy = problem.energy(labels, unary)
     trace = [energy]
     for _ in range(options.num_iter_segmentation):
-        with _Stopwatch(timings, "labels"):  # L <- argmin_L E(L, M): alpha-expansion on (1)
+        # L <- argmin_L E(L, M): alpha-expansion on (1)
+        with _Stopwatch(timings, "labels"):
             labels = problem.relabel(labels, unary)
-        with _Stopwatch(timings, "models"):  # M <- argmin_M E(L, M): contrast maximisation on each label's events
+        # M <- argmin_M E(L, M): contrast maximisation on each label's events
+        with _Stopwatch(timings, "models"):
             models, unary = problem.refit(labels, models, unary)
         energy = problem.energy(labels, unary)
         trace.append(energy)
@@ -105,7 +107,11 @@ class _Problem:
     def unary(self, models: list[MotionModel]) -> Integers:
         options = self.options
         return unary_costs(
-            models, self.window, data_term=options.data_term, lambda_data=options.lambda_data, sigma=options.fit.sigma
+            models,
+            self.window,
+            data_term=options.data_term,
+            lambda_data=options.lambda_data,
+            sigma=options.fit.sigma,
         )
 
     def label_cost(self, unary: Integers) -> Integers:
@@ -135,8 +141,8 @@ class _Problem:
     ) -> tuple[list[MotionModel], Integers]:
         """Refit each used model on its own events; keep a refit only if it lowers the energy.
 
-        Contrast and (1) are different functions: a sharper image need not be a cheaper labelling, above all where one
-        model's peak sets the scale of every data term.
+        Contrast and (1) are different functions: a sharper image need not be a cheaper labelling, above all
+        where one model's peak sets the scale of every data term.
         """
         energy = self.energy(labels, unary)
         for label in np.unique(labels):

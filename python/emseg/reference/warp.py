@@ -38,7 +38,7 @@ class MotionModel:
 
 
 def warp(model: MotionModel, window: Window) -> Floats:
-    """Places x' at t_ref of the window's events, px, (n, 2); NaN where a rotation turns one behind the camera."""
+    """Places x' (n, 2), px, of the events at t_ref; NaN where a rotation turns one behind the camera."""
     return warp_points(model, window.position, window.dt, window.frame)
 
 
@@ -80,6 +80,10 @@ def _rotate(omega: Floats, x: Floats, dt: Floats, frame: ImageFrame) -> Floats:
         return x.copy()
     axis = omega / speed
     angle = (-dt * speed)[:, None]
-    turned = f * np.cos(angle) + np.cross(axis, f) * np.sin(angle) + axis * (f @ axis)[:, None] * (1 - np.cos(angle))
+    turned = (
+        f * np.cos(angle)
+        + np.cross(axis, f) * np.sin(angle)
+        + axis * (f @ axis)[:, None] * (1 - np.cos(angle))
+    )
     depth = np.where(turned[:, 2:] > 0, turned[:, 2:], np.nan)
     return camera.project(turned[:, :2] / depth)

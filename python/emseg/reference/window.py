@@ -44,7 +44,8 @@ class ImageFrame:
 class Window:
     """Events of one window, in time order.
 
-    position: undistorted place, px, (n, 2).  pixel: place on the sensor, (n, 2).  dt: seconds since t_ref, (n,).
+    position: undistorted place, px, (n, 2).  pixel: place on the sensor, (n, 2).
+    dt: seconds since t_ref, (n,).
     """
 
     position: NDArray[np.float64]
@@ -83,8 +84,9 @@ def make_window(
     """
     pixel = np.stack([np.asarray(x, dtype=np.int64), np.asarray(y, dtype=np.int64)], axis=-1)
     microseconds = np.asarray(t, dtype=np.float64)
-    if (np.diff(microseconds) < 0).any():
-        raise ValueError(f"t falls after event {int(np.argmax(np.diff(microseconds) < 0))}; expected time order")
+    falls = np.flatnonzero(np.diff(microseconds) < 0)
+    if len(falls):
+        raise ValueError(f"t falls after event {falls[0]}; expected time order")
     if ((pixel < 0) | (pixel >= [width, height])).any():
         raise ValueError(f"a pixel lies outside the {width} x {height} sensor")
     position = pixel.astype(np.float64)
