@@ -11,10 +11,13 @@ from emseg.reference import (
     SearchOptions,
     SegmentOptions,
     build_event_graph,
+    iwe,
     labeling_energy,
     make_window,
+    refine,
     segment,
     unary_costs,
+    variance,
 )
 from emseg.reference.energy import logarithmic_data_term, published_data_term
 
@@ -71,6 +74,19 @@ def test_refined_models_are_fed_back():
     for model, start, truth in zip(result.models, off, PATCH_VELOCITIES, strict=True):
         assert np.linalg.norm(model.params - truth) < np.linalg.norm(start.params - truth)
     assert result.energy < segment(window, replace(SMALL, num_iter_segmentation=1), pool=off).energy_trace[0]
+
+
+@pytest.mark.parametrize("data_term", ["published", "logarithmic"])
+def test_a_sharper_model_that_costs_more_is_not_kept(data_term):
+    """In this window the left patch's similarity can be sharpened, but only at the energy's expense."""
+    window, _ = two_patches(5, points=30, events_per_point=12)
+    pool = [MotionModel("similarity", (vx, vy, 0.0, 0.0)) for vx, vy in PATCH_VELOCITIES.tolist()]
+    result = segment(window, replace(SMALL, data_term=data_term, num_iter_segmentation=1), pool=pool)
+    assert len(np.unique(result.labels)) == 2
+    sharper, contrast = refine(pool[0], window.select(result.labels == 0))
+    assert contrast > variance(iwe(pool[0], window.select(result.labels == 0)))
+    assert sharper != pool[0]
+    assert result.models[0] == pool[0]
 
 
 def test_the_published_search_segments_too():
