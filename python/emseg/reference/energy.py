@@ -30,7 +30,7 @@ LOG_QUANTILE = 0.95  # of the events' best values: the value that costs nothing
 
 
 def warped_image_values(model: MotionModel, window: Window, *, sigma: float = 1.0) -> tuple[Floats, float]:
-    """G(e, m) (n,): the image of all events warped by m, looked up where m takes each; and the image's peak."""
+    """G(e, m) (n,): the image of all events warped by m, looked up where m takes each; and its peak."""
     image = iwe(model, window, sigma=sigma)
     return bilinear_lookup(image, warp(model, window)), float(image.max())
 
