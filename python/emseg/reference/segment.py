@@ -26,7 +26,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class SegmentOptions:
-    """Weights and limits.  The defaults are the published code's but for the data term and the search."""
+    """Weights and limits.  The defaults are the published code's but for the search."""
 
     fit: FitOptions = field(default_factory=FitOptions)
     bracket_row: int = 6  # finest subdivision of the image plane (BracketRow)
