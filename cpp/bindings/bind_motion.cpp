@@ -1,5 +1,120 @@
+#include <pybind11/stl.h>
+
+#include "emseg/contrast.hpp"
+#include "emseg/motion_fit.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
+using namespace emseg;
+using namespace emseg::bindings;
 
-void bind_motion(py::module_&) {}
+namespace {
+
+PointView point_view(const Array<float>& x, const Array<float>& y, const Array<float>& dt) {
+  if (x.size() != y.size() || x.size() != dt.size()) {
+    throw std::invalid_argument("x, y and dt differ in length: " + std::to_string(x.size()) + ", " +
+                                std::to_string(y.size()) + ", " + std::to_string(dt.size()));
+  }
+  return {view(x), view(y), view(dt)};
+}
+
+}  // namespace
+
+void bind_motion(py::module_& m) {
+  py::class_<WarpFrame>(m, "WarpFrame", "What warps are relative to: image centre, normalising length, intrinsics.")
+      .def(py::init([](int width, int height) { return make_warp_frame({width, height}); }), py::arg("width"),
+           py::arg("height"))
+      .def(py::init([](const Camera& camera) { return make_warp_frame(camera.size, &camera); }), py::arg("camera"))
+      .def_readonly("cx", &WarpFrame::cx)
+      .def_readonly("cy", &WarpFrame::cy)
+      .def_readonly("f0", &WarpFrame::f0);
+
+  m.def(
+      "warp",
+      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
+         const std::vector<double>& params, const WarpFrame& frame) {
+        const PointView points = point_view(x, y, dt);
+        const MotionModel model = make_motion(motion_kind(kind), params);
+        std::vector<float> warped(2 * points.size());
+        {
+          py::gil_scoped_release release;
+          std::visit(
+              [&](const auto& motion) {
+                const typename std::decay_t<decltype(motion)>::Warp warp(motion, frame);
+                for (std::size_t k = 0; k < points.size(); ++k) {
+                  const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
+                  warped[2 * k] = at.x;
+                  warped[2 * k + 1] = at.y;
+                }
+              },
+              model);
+        }
+        return to_numpy(std::move(warped), {x.size(), 2});
+      },
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
+      "Warped positions, float32 (n, 2).");
+
+  m.def(
+      "iwe",
+      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
+         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma) {
+        const PointView points = point_view(x, y, dt);
+        const MotionModel model = make_motion(motion_kind(kind), params);
+        Image image(Region{0, 0, width, height});
+        {
+          py::gil_scoped_release release;
+          BlurWorkspace blur;
+          make_iwe(image, points, model, frame, gaussian_taps(sigma), blur);
+        }
+        return to_numpy(std::move(image.pixels), {height, width});
+      },
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
+      py::arg("width"), py::arg("height"), py::arg("sigma"), "Image of warped events, float32 (height, width).");
+
+  m.def(
+      "contrast",
+      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
+         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
+         const std::string& measure) {
+        const PointView points = point_view(x, y, dt);
+        const MotionModel model = make_motion(motion_kind(kind), params);
+        const ContrastOptions options{contrast_measure(measure), sigma};
+        ContrastResult result;
+        {
+          py::gil_scoped_release release;
+          ContrastWorkspace workspace;
+          result = contrast_and_gradient(points, model, frame, {0, 0, width, height}, options, workspace);
+        }
+        const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
+        return py::make_tuple(result.value, to_numpy(std::vector<double>(result.gradient.begin(),
+                                                                         result.gradient.begin() + static_cast<std::ptrdiff_t>(dof))));
+      },
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
+      py::arg("width"), py::arg("height"), py::arg("sigma") = 1.0, py::arg("measure") = "variance",
+      "Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).");
+
+  m.def(
+      "fit_motion",
+      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
+         const std::string& kind, const WarpFrame& frame, int width, int height, double sigma, const std::string& measure,
+         double max_speed, double max_scale_rate, double max_angle_rate, int threads) {
+        const PointView points = point_view(x, y, dt);
+        FitOptions options;
+        options.refine.contrast = {contrast_measure(measure), sigma};
+        options.refine.bounds = {max_speed, max_scale_rate, max_angle_rate};
+        const MotionKind motion = motion_kind(kind);
+        FitResult result;
+        {
+          py::gil_scoped_release release;
+          ThreadPool pool(threads);
+          result = fit_motion(points, view(p), motion, frame, {width, height}, options, pool);
+        }
+        const auto params = params_of(result.model);
+        return py::make_tuple(to_numpy(std::vector<double>(params.begin(), params.end())), result.contrast,
+                              result.evaluations);
+      },
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("kind"), py::arg("frame"), py::arg("width"),
+      py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"), py::arg("max_scale_rate"),
+      py::arg("max_angle_rate"), py::arg("threads"),
+      "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.");
+}

@@ -14,6 +14,7 @@ enum class DistortionModel {
   equidistant,  // k1 k2 k3 k4: Kannala-Brandt, as OpenCV's fisheye module
 };
 
+// Pixel centres lie at integer coordinates, as in OpenCV.
 struct Camera {
   ImageSize size;
   double fx = 1, fy = 1;  // focal lengths, px
@@ -22,15 +23,22 @@ struct Camera {
   std::array<double, 5> distortion{};
 };
 
-// Throws std::invalid_argument where the size, focal lengths or coefficients make no camera.
-void check_camera(const Camera& camera);
-
 struct Point2 {
   double x = 0;
   double y = 0;
 };
 
+// Throws std::invalid_argument where the size, focal lengths or coefficients make no camera.  A distortion
+// without an inverse somewhere on the sensor makes none: a fold of the polynomial, or a ray 90 degrees or
+// more off the axis, would put events at places that no lens shows.
+void check_camera(const Camera& camera);
+
+// Where the lens puts a pixel of the undistorted image; the formula is evaluated as it stands, folds
+// included.
 Point2 distort_pixel(const Camera& camera, Point2 undistorted);
+
+// The inverse of distort_pixel, on the branch that contains the principal point; exact to 1e-9 px.
+// Throws std::invalid_argument that names the pixel where the distortion has no inverse.
 Point2 undistort_pixel(const Camera& camera, Point2 distorted);
 
 // Undistorted position, in pixels of the same intrinsics without distortion, of every sensor pixel.
@@ -40,6 +48,7 @@ struct UndistortionTable {
   std::vector<float> y;
 };
 
+// Throws as check_camera does.
 UndistortionTable make_undistortion_table(const Camera& camera);
 
 }  // namespace emseg

@@ -1,7 +1,10 @@
-// The space-time graph over the events of a window: sites are events, edges join neighbours in space and time.
+// The space-time graph over the events of a window: sites are events, edges join neighbours in space and
+// time.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -26,14 +29,22 @@ struct Pixel {
   friend bool operator==(const Pixel&, const Pixel&) = default;
 };
 
-// Edges (a, b), a < b, of a Delaunay triangulation of distinct integer pixels, sorted.  Cocircular pixels are
-// triangulated one way or another; collinear pixels give the path along their line; one pixel gives none.
-std::vector<std::pair<std::int32_t, std::int32_t>> delaunay_edges(std::span<const Pixel> pixels);
+// An undirected edge between two pixels, by their positions in the array of pixels; first < second.
+using PixelEdge = std::pair<std::int32_t, std::int32_t>;
+
+// Edges of a Delaunay triangulation of distinct integer pixels, sorted.  All decisions are exact for any
+// coordinates that differ by at most 65535.  Cocircular pixels are triangulated one way or another, the same
+// way for the same pixels; collinear pixels give the path along their line; fewer than two pixels give none.
+// Throws std::invalid_argument where two pixels coincide or lie further apart than that.
+std::vector<PixelEdge> delaunay_edges(std::span<const Pixel> pixels);
 
 // Builds the graph: active pixels are triangulated; each event is joined to its predecessor and successor at
-// its own pixel and, for every Delaunay neighbour of that pixel, to the temporally nearest event at or before it and
-// the nearest after it there (2 + 2N neighbours before duplicates are removed).
+// its own pixel and, for every Delaunay neighbour of that pixel, to the last event before it and the first
+// after it there (2 + 2N neighbours).  "Before" and "after" go by position in the array, so that events of
+// one time have an order too.  The polarity plays no part.
 // Source: Zhou et al., "Event-based Motion Segmentation with Spatio-Temporal Graph Cuts", TNNLS 2021, III-B.
+// Throws std::invalid_argument where columns differ in length, an event lies outside the sensor, or there are
+// 2^31 events or more; event times are not read.
 EventGraph build_event_graph(const EventView& events, ImageSize size);
 
 }  // namespace emseg

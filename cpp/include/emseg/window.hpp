@@ -3,9 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
-
-#include "emseg/event.hpp"
 
 namespace emseg {
 
@@ -18,10 +17,12 @@ struct Window {
 };
 
 // Successive windows of `count` events; the last one holds the rest.
+// Throws std::invalid_argument where count is 0.
 std::vector<Window> windows_by_count(std::size_t event_count, std::size_t count);
 
-// Successive windows [t0 + k d, t0 + (k+1) d) of `duration_us` from the first event's time on; windows without
-// events are left out.
+// Successive windows [t0 + k d, t0 + (k+1) d) of `duration_us` from the first event's time t0 on; windows
+// without events are left out.  Right for all times that int64 holds, however far apart.
+// Throws std::invalid_argument where the duration is not positive or times decrease.
 std::vector<Window> windows_by_duration(std::span<const std::int64_t> t, std::int64_t duration_us);
 
 }  // namespace emseg

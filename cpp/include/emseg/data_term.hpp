@@ -1,0 +1,45 @@
+// The data term: how badly a motion model explains an event, from the sharpness of the image it makes.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "emseg/iwe.hpp"
+
+namespace emseg {
+
+enum class DataTerm {
+  published,    // 255 (1 - G / G_ref), G_ref the largest pixel of any model's image
+  logarithmic,  // 60 log((G_ref + 0.15) / (G + 0.15)) within 0..255, G_ref the 95 % quantile over the events of their best G
+};
+
+// Throws std::invalid_argument that lists the known names.
+DataTerm data_term(std::string_view name);
+
+// What one model makes of a window: G, the blurred image of all its warped events, where each event falls.
+struct ModelSupport {
+  std::vector<float> sharpness;  // G per event
+  float peak = 0;                // largest pixel of the image
+};
+
+struct SupportWorkspace {
+  Image image;
+  BlurWorkspace blur;
+};
+
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, ImageSize size,
+                      std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support);
+
+// G_ref of a set of models.
+double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports);
+
+// Cost of sharpness G, 0..255; what is sharper than the reference costs nothing.
+float event_cost(DataTerm term, float sharpness, float reference);
+
+// Costs of all events, lambda_data times, rounded: the integers that the energy is made of.
+void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
+                   std::span<std::int32_t> costs);
+
+}  // namespace emseg

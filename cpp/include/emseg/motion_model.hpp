@@ -1,0 +1,240 @@
+// Parametric motion models: where an event at (x, y), dt seconds after t_ref, lies at t_ref.
+//
+// A new model is one struct: `dof`, `name`, `params`, and a `Warp` that is bound to a frame once and then called
+// per event, with and without derivatives.  MotionModel is the variant of them all; std::visit dispatches
+// once, outside the loop over events.  With c the image centre and v in px/s:
+//
+//   translation   x' = x - dt v                                                       2 parameters
+//   rotation      f' = exp(-dt [w]x) f,  f = K^-1 (x, y, 1),  x' = K f' / f'_z         3
+//   similarity    x' = x - dt (v + ((1+s) R(theta) - I)(x - c))                       4
+//   affine        x' = x - dt (v + A (x - c))                                         6
+//   homography    x' = x - dt (v + A (x - c) + (x - c) (g, h)·(x - c)/f0)              8, first order
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <span>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "emseg/camera.hpp"
+#include "emseg/event.hpp"
+
+namespace emseg {
+
+// What warps are relative to; one per sensor.
+struct WarpFrame {
+  double cx = 0, cy = 0;          // image centre, px: fixed point of scale, rotation and shear
+  double f0 = 1;                  // length that normalises the projective terms, px
+  double fx = 1, fy = 1;          // intrinsics of the rotation's bearing vectors, px
+  double px = 0, py = 0;
+};
+
+// Without a camera: focal length max(width, height), principal point at the image centre.
+WarpFrame make_warp_frame(ImageSize size, const Camera* camera = nullptr);
+
+struct Vec2f {
+  float x = 0;
+  float y = 0;
+};
+
+// Derivatives of the warped position by each parameter.
+template <int Dof>
+struct WarpJacobian {
+  std::array<float, Dof> dx;
+  std::array<float, Dof> dy;
+};
+
+// x' = x - dt (v + B (x - c)): the form that translation, similarity and affine share.
+struct LinearWarp {
+  float vx = 0, vy = 0, b11 = 0, b12 = 0, b21 = 0, b22 = 0, cx = 0, cy = 0;
+
+  Vec2f operator()(float x, float y, float dt) const {
+    const float rx = x - cx;
+    const float ry = y - cy;
+    return {x - dt * (vx + b11 * rx + b12 * ry), y - dt * (vy + b21 * rx + b22 * ry)};
+  }
+};
+
+struct Translation {
+  static constexpr int dof = 2;
+  static constexpr std::string_view name = "translation";
+  std::array<double, dof> params{};  // vx vy, px/s
+
+  struct Warp {
+    static constexpr int dof = Translation::dof;
+    float vx, vy;
+    Warp(const Translation& model, const WarpFrame&)
+        : vx(static_cast<float>(model.params[0])), vy(static_cast<float>(model.params[1])) {}
+    Vec2f operator()(float x, float y, float dt) const { return {x - dt * vx, y - dt * vy}; }
+    WarpJacobian<dof> jacobian(float, float, float dt) const { return {{-dt, 0}, {0, -dt}}; }
+  };
+};
+
+struct Rotation {
+  static constexpr int dof = 3;
+  static constexpr std::string_view name = "rotation";
+  std::array<double, dof> params{};  // wx wy wz, rad/s
+
+  struct Warp {
+    static constexpr int dof = Rotation::dof;
+    float wx, wy, wz, speed;  // angular velocity and its length
+    float ax, ay, az;         // unit axis
+    float fx, fy, px, py;
+    Warp(const Rotation& model, const WarpFrame& frame);
+    Vec2f operator()(float x, float y, float dt) const {
+      const auto f = rotate(x, y, dt);
+      return {fx * f[0] / f[2] + px, fy * f[1] / f[2] + py};
+    }
+    WarpJacobian<dof> jacobian(float x, float y, float dt) const;
+
+   private:
+    std::array<float, 3> rotate(float x, float y, float dt) const;
+  };
+};
+
+struct Similarity {
+  static constexpr int dof = 4;
+  static constexpr std::string_view name = "similarity";
+  std::array<double, dof> params{};  // vx vy (px/s), s (1/s), theta (rad/s)
+
+  struct Warp : LinearWarp {
+    static constexpr int dof = Similarity::dof;
+    float cos_theta, sin_theta, gain;  // gain = 1 + s
+    Warp(const Similarity& model, const WarpFrame& frame);
+    WarpJacobian<dof> jacobian(float x, float y, float dt) const {
+      const float rx = x - cx;
+      const float ry = y - cy;
+      const float turned_x = cos_theta * rx - sin_theta * ry;
+      const float turned_y = sin_theta * rx + cos_theta * ry;
+      return {{-dt, 0, -dt * turned_x, dt * gain * turned_y}, {0, -dt, -dt * turned_y, -dt * gain * turned_x}};
+    }
+  };
+};
+
+struct Affine {
+  static constexpr int dof = 6;
+  static constexpr std::string_view name = "affine";
+  std::array<double, dof> params{};  // vx vy (px/s), a11 a12 a21 a22 (1/s)
+
+  struct Warp : LinearWarp {
+    static constexpr int dof = Affine::dof;
+    Warp(const Affine& model, const WarpFrame& frame);
+    WarpJacobian<dof> jacobian(float x, float y, float dt) const {
+      const float rx = dt * (x - cx);
+      const float ry = dt * (y - cy);
+      return {{-dt, 0, -rx, -ry, 0, 0}, {0, -dt, 0, 0, -rx, -ry}};
+    }
+  };
+};
+
+struct Homography {
+  static constexpr int dof = 8;
+  static constexpr std::string_view name = "homography";
+  std::array<double, dof> params{};  // vx vy (px/s), a11 a12 a21 a22 g h (1/s)
+
+  struct Warp : LinearWarp {
+    static constexpr int dof = Homography::dof;
+    float g, h;  // per pixel: divided by f0
+    float inverse_f0;
+    Warp(const Homography& model, const WarpFrame& frame);
+    Vec2f operator()(float x, float y, float dt) const {
+      const float rx = x - cx;
+      const float ry = y - cy;
+      const float projective = g * rx + h * ry;
+      return {x - dt * (vx + b11 * rx + b12 * ry + rx * projective),
+              y - dt * (vy + b21 * rx + b22 * ry + ry * projective)};
+    }
+    WarpJacobian<dof> jacobian(float x, float y, float dt) const {
+      const float rx = x - cx;
+      const float ry = y - cy;
+      const float dx = dt * rx;
+      const float dy = dt * ry;
+      const float nx = rx * inverse_f0;
+      const float ny = ry * inverse_f0;
+      return {{-dt, 0, -dx, -dy, 0, 0, -dx * nx, -dx * ny}, {0, -dt, 0, 0, -dx, -dy, -dy * nx, -dy * ny}};
+    }
+  };
+};
+
+template <typename M>
+concept ParametricMotion = requires(M model, const WarpFrame& frame, const typename M::Warp& warp) {
+  { M::dof } -> std::convertible_to<int>;
+  { M::name } -> std::convertible_to<std::string_view>;
+  { model.params[0] } -> std::convertible_to<double>;
+  { typename M::Warp(model, frame) };
+  { warp(0.0f, 0.0f, 0.0f) } -> std::same_as<Vec2f>;
+  { warp.jacobian(0.0f, 0.0f, 0.0f) } -> std::same_as<WarpJacobian<M::dof>>;
+};
+
+static_assert(ParametricMotion<Translation> && ParametricMotion<Rotation> && ParametricMotion<Similarity> &&
+              ParametricMotion<Affine> && ParametricMotion<Homography>);
+
+using MotionModel = std::variant<Translation, Rotation, Similarity, Affine, Homography>;
+
+// The order of the variant's alternatives.
+enum class MotionKind { translation, rotation, similarity, affine, homography };
+
+inline MotionKind kind_of(const MotionModel& model) { return static_cast<MotionKind>(model.index()); }
+std::string_view name_of(MotionKind kind);
+int dof_of(MotionKind kind);
+// Throws std::invalid_argument that lists the known names.
+MotionKind motion_kind(std::string_view name);
+
+// A model of this kind with these parameters (none: no motion).
+// Throws std::invalid_argument where their number does not fit or one is not finite.
+MotionModel make_motion(MotionKind kind, std::span<const double> params = {});
+std::span<const double> params_of(const MotionModel& model);
+
+// An event at (x, y), dt seconds after t_ref, that is to be warped to (target_x, target_y).
+struct Correspondence {
+  float x = 0, y = 0, dt = 0;
+  float target_x = 0, target_y = 0;
+  float weight = 1;
+};
+
+// The model of this kind that brings the events nearest to their targets: weighted least squares, Gauss-Newton.
+// Directions that the correspondences do not determine stay at no motion.
+MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs, const WarpFrame& frame);
+
+// The same image motion as a model of another kind: exact from a kind that the other contains, otherwise the
+// least-squares fit of the velocity field over the image.
+MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, ImageSize size);
+
+// Events as points to be warped: undistorted position (px) and time from t_ref (s).
+struct PointView {
+  std::span<const float> x;
+  std::span<const float> y;
+  std::span<const float> dt;
+
+  std::size_t size() const { return dt.size(); }
+};
+
+struct Points {
+  std::vector<float> x;
+  std::vector<float> y;
+  std::vector<float> dt;
+
+  std::size_t size() const { return dt.size(); }
+  PointView view() const { return {x, y, dt}; }
+  void reserve(std::size_t count);
+  void push_back(const PointView& from, std::size_t k) {
+    x.push_back(from.x[k]);
+    y.push_back(from.y[k]);
+    dt.push_back(from.dt[k]);
+  }
+};
+
+// Points of a window; pixels are looked up in `table` when it is given.
+Points make_points(const EventView& events, std::int64_t t_ref, const UndistortionTable* table = nullptr);
+
+// Warped positions of all points.
+void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame, std::span<float> x,
+                 std::span<float> y);
+
+// Root-mean-square distance, in px, between two models' warps of the points.
+double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame, const PointView& points);
+
+}  // namespace emseg

@@ -1,0 +1,76 @@
+#include "emseg/data_term.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace emseg {
+
+DataTerm data_term(std::string_view name) {
+  if (name == "published") return DataTerm::published;
+  if (name == "logarithmic") return DataTerm::logarithmic;
+  throw std::invalid_argument("unknown data term '" + std::string(name) + "', expected published or logarithmic");
+}
+
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, ImageSize size,
+                      std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support) {
+  workspace.image.region = sensor_region(size);
+  make_iwe(workspace.image, points, model, frame, taps, workspace.blur);
+  const auto& pixels = workspace.image.pixels;
+  support.peak = pixels.empty() ? 0 : *std::max_element(pixels.begin(), pixels.end());
+  support.sharpness.resize(points.size());
+  std::visit(
+      [&](const auto& m) {
+        const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
+        for (std::size_t k = 0; k < points.size(); ++k) {
+          const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
+          support.sharpness[k] = bilinear_value(workspace.image, at.x, at.y);
+        }
+      },
+      model);
+}
+
+double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports) {
+  if (supports.empty()) return 0;
+  if (term == DataTerm::published) {
+    float peak = 0;
+    for (const ModelSupport* support : supports) peak = std::max(peak, support->peak);
+    return peak;
+  }
+  std::vector<float> best = supports.front()->sharpness;
+  for (const ModelSupport* support : supports.subspan(1)) {
+    for (std::size_t k = 0; k < best.size(); ++k) best[k] = std::max(best[k], support->sharpness[k]);
+  }
+  if (best.empty()) return 0;
+  // Linear interpolation between order statistics, as numpy.quantile.
+  const double rank = 0.95 * static_cast<double>(best.size() - 1);
+  const auto low = static_cast<std::size_t>(rank);
+  const auto middle = best.begin() + static_cast<std::ptrdiff_t>(low);
+  std::nth_element(best.begin(), middle, best.end());
+  const double below = *middle;
+  if (low + 1 == best.size()) return below;
+  const double above = *std::min_element(middle + 1, best.end());
+  return below + (rank - static_cast<double>(low)) * (above - below);
+}
+
+float event_cost(DataTerm term, float sharpness, float reference) {
+  constexpr float floor = 0.15f;  // sharpness of an event that is all alone, about
+  const float cost = term == DataTerm::published
+                         ? 255.0f * (reference > 0 ? 1.0f - sharpness / reference : 0.0f)
+                         : 60.0f * std::log((reference + floor) / (std::max(0.0f, sharpness) + floor));
+  return std::clamp(cost, 0.0f, 255.0f);
+}
+
+void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
+                   std::span<std::int32_t> costs) {
+  assert(costs.size() == sharpness.size());
+  const auto g_ref = static_cast<float>(reference);
+  const auto lambda = static_cast<float>(lambda_data);
+  for (std::size_t k = 0; k < costs.size(); ++k) {
+    costs[k] = static_cast<std::int32_t>(std::lround(lambda * event_cost(term, sharpness[k], g_ref)));
+  }
+}
+
+}  // namespace emseg

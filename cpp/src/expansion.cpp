@@ -1,0 +1,127 @@
+#include "emseg/expansion.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "expansion_move.hpp"
+#include "labeling_problem.hpp"
+
+namespace emseg {
+
+struct ExpansionWorkspace::Moves {
+  ExpansionMove<std::int32_t> narrow;
+  ExpansionMove<std::int64_t> wide;
+};
+
+ExpansionWorkspace::ExpansionWorkspace() : moves_(std::make_unique<Moves>()) {}
+ExpansionWorkspace::~ExpansionWorkspace() = default;
+ExpansionWorkspace::ExpansionWorkspace(ExpansionWorkspace&&) noexcept = default;
+ExpansionWorkspace& ExpansionWorkspace::operator=(ExpansionWorkspace&&) noexcept = default;
+
+namespace {
+
+template <typename Cost>
+std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& problem) {
+  const auto label_count = static_cast<std::ptrdiff_t>(problem.label_count);
+  std::vector<std::int32_t> labels(problem.site_count());
+  auto row = problem.unary.begin();
+  for (std::int32_t& label : labels) {
+    label = static_cast<std::int32_t>(std::min_element(row, row + label_count) - row);
+    row += label_count;
+  }
+  return labels;
+}
+
+template <typename Cost, typename Capacity>
+void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, ExpansionMove<Capacity>& move,
+              ExpansionResult& result) {
+  std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
+  for (const std::int32_t label : result.labels) ++used[static_cast<std::size_t>(label)];
+
+  // Labels in turn that have nothing to gain any more; a label that has just been expanded is one of them.
+  std::int32_t settled = 0;
+  for (int sweep = 0; sweep < max_sweeps && settled < problem.label_count; ++sweep) {
+    for (std::int32_t alpha = 0; alpha < problem.label_count && settled < problem.label_count; ++alpha) {
+      const std::int64_t gain = move.find(problem, result.labels, used, alpha);
+      settled = gain > 0 ? 1 : settled + 1;
+      for (const std::int32_t site : move.switched()) {
+        std::int32_t& label = result.labels[static_cast<std::size_t>(site)];
+        --used[static_cast<std::size_t>(label)];
+        ++used[static_cast<std::size_t>(alpha)];
+        label = alpha;
+      }
+      result.energy -= gain;
+    }
+    assert(result.energy == evaluate(problem, result.labels));
+    result.energy_trace.push_back(result.energy);
+  }
+}
+
+template <typename Cost>
+ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> initial,
+                                  const ExpansionOptions& options, ExpansionWorkspace& workspace) {
+  if (options.max_sweeps < 0) {
+    throw std::invalid_argument("max_sweeps is " + std::to_string(options.max_sweeps) + ", expected at least 0");
+  }
+  const std::int64_t widest = check_problem(problem);
+  ExpansionResult result;
+  if (initial.empty()) {
+    result.labels = cheapest_labels(problem);
+  } else {
+    check_labels(problem, initial);
+    result.labels.assign(initial.begin(), initial.end());
+  }
+  result.energy = evaluate(problem, result.labels);
+  result.energy_trace.push_back(result.energy);
+  ExpansionWorkspace::Moves& moves = workspace.moves();
+  if (widest <= std::numeric_limits<std::int32_t>::max()) {
+    minimise(problem, options.max_sweeps, moves.narrow, result);
+  } else {
+    minimise(problem, options.max_sweeps, moves.wide, result);
+  }
+  return result;
+}
+
+template <typename Cost>
+std::int64_t checked_energy(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels) {
+  check_problem(problem);
+  check_labels(problem, labels);
+  return evaluate(problem, labels);
+}
+
+}  // namespace
+
+std::int64_t labeling_energy(const LabelingProblem& problem, std::span<const std::int32_t> labels) {
+  return checked_energy(problem, labels);
+}
+
+std::int64_t labeling_energy(const WideLabelingProblem& problem, std::span<const std::int32_t> labels) {
+  return checked_energy(problem, labels);
+}
+
+ExpansionResult expansion(const LabelingProblem& problem, std::span<const std::int32_t> initial,
+                          const ExpansionOptions& options, ExpansionWorkspace& workspace) {
+  return checked_expansion(problem, initial, options, workspace);
+}
+
+ExpansionResult expansion(const WideLabelingProblem& problem, std::span<const std::int32_t> initial,
+                          const ExpansionOptions& options, ExpansionWorkspace& workspace) {
+  return checked_expansion(problem, initial, options, workspace);
+}
+
+ExpansionResult expansion(const LabelingProblem& problem, std::span<const std::int32_t> initial,
+                          const ExpansionOptions& options) {
+  ExpansionWorkspace workspace;
+  return checked_expansion(problem, initial, options, workspace);
+}
+
+ExpansionResult expansion(const WideLabelingProblem& problem, std::span<const std::int32_t> initial,
+                          const ExpansionOptions& options) {
+  ExpansionWorkspace workspace;
+  return checked_expansion(problem, initial, options, workspace);
+}
+
+}  // namespace emseg

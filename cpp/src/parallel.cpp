@@ -1,0 +1,74 @@
+#include "emseg/parallel.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+namespace emseg {
+
+ThreadPool::ThreadPool(int threads) {
+  if (threads < 0 || threads > 1024) {
+    throw std::invalid_argument("threads is " + std::to_string(threads) + ", expected 0 (all cores) to 1024");
+  }
+  if (threads == 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  for (int worker = 1; worker < threads; ++worker) threads_.emplace_back([this, worker] { work(worker); });
+}
+
+ThreadPool::~ThreadPool() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  wake_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+void ThreadPool::for_each(std::size_t task_count, const std::function<void(std::size_t, int)>& body) {
+  if (threads_.empty() || task_count < 2) {
+    for (std::size_t task = 0; task < task_count; ++task) body(task, 0);
+    return;
+  }
+  std::unique_lock lock(mutex_);
+  body_ = &body;
+  next_task_ = 0;
+  task_count_ = task_count;
+  failure_ = nullptr;
+  wake_.notify_all();
+  run_tasks(lock, 0);
+  done_.wait(lock, [this] { return running_ == 0 && next_task_ >= task_count_; });
+  body_ = nullptr;
+  if (failure_) std::rethrow_exception(failure_);
+}
+
+void ThreadPool::work(int worker) {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    wake_.wait(lock, [this] { return stopping_ || (body_ && next_task_ < task_count_); });
+    if (stopping_) return;
+    run_tasks(lock, worker);
+  }
+}
+
+void ThreadPool::run_tasks(std::unique_lock<std::mutex>& lock, int worker) {
+  while (body_ && next_task_ < task_count_) {
+    const std::size_t task = next_task_++;
+    const auto* body = body_;
+    ++running_;
+    lock.unlock();
+    std::exception_ptr failure;
+    try {
+      (*body)(task, worker);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    lock.lock();
+    --running_;
+    if (failure && (!failure_ || task < failed_task_)) {
+      failure_ = failure;
+      failed_task_ = task;
+    }
+  }
+  if (running_ == 0 && next_task_ >= task_count_) done_.notify_all();
+}
+
+}  // namespace emseg

@@ -1,0 +1,167 @@
+"""Calibrated cameras: intrinsics, lens distortion, undistortion tables and calibration files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from emseg import _core
+
+DistortionModel = Literal["radtan", "equidistant"]
+
+_TEXT_FIELDS = "fx fy cx cy k1 k2 p1 p2 k3"
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with lens distortion; pixel centres lie at integer coordinates.
+
+    Attributes:
+        width, height: sensor size, px.
+        fx, fy: focal lengths, px.
+        cx, cy: principal point, px.
+        distortion: nothing; radtan `k1 k2 p1 p2 [k3]` (Brown-Conrady, as OpenCV's first five
+            coefficients); or equidistant `k1 k2 k3 k4` (Kannala-Brandt, as OpenCV's fisheye module).
+        model: None reads coefficients as radtan.
+
+    Raises:
+        ValueError: a number is not finite, a size or focal length is not positive, the coefficients do not
+            fit the model, or the distortion has no inverse somewhere on the sensor (it folds, or sees
+            90 degrees or more off the axis).
+    """
+
+    width: int
+    height: int
+    _: KW_ONLY
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    model: DistortionModel | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer):
+                raise ValueError(f"camera: {name} is {value!r}, expected a whole number of pixels")
+            object.__setattr__(self, name, int(value))
+        for name in ("fx", "fy", "cx", "cy"):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
+        coefficients = tuple(_number("distortion coefficient", value) for value in self.distortion)
+        object.__setattr__(self, "distortion", coefficients)
+        if self.model is None and coefficients:
+            object.__setattr__(self, "model", "radtan")
+        counts = {None: (0,), "radtan": (0, 4, 5), "equidistant": (4,)}
+        if self.model not in counts:
+            raise ValueError(
+                f"camera: distortion model is {self.model!r}, expected one of {get_args(DistortionModel)}"
+            )
+        if len(coefficients) not in counts[self.model]:
+            expected = " or ".join(map(str, counts[self.model]))
+            raise ValueError(
+                f"camera: {len(coefficients)} distortion coefficients, expected {expected} for {self.model}"
+            )
+        self.to_native()
+
+    @property
+    def K(self) -> NDArray[np.float64]:
+        """The intrinsic matrix, float64 (3, 3): pixels from rays of unit depth."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+
+    def undistortion_table(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Undistorted x and y of every pixel, two float32 arrays (height, width).
+
+        Positions are pixels of a camera with the same intrinsics and no distortion; they may lie outside
+        the sensor.
+        """
+        return self.to_native().undistortion_table()
+
+    def to_native(self) -> _core.Camera:
+        """The same camera for the native core, which checks it."""
+        return _core.Camera(
+            self.width,
+            self.height,
+            fx=self.fx,
+            fy=self.fy,
+            cx=self.cx,
+            cy=self.cy,
+            model=getattr(_core.DistortionModel, self.model or "none"),
+            distortion=[*self.distortion, *[0.0] * (5 - len(self.distortion))],
+        )
+
+    @classmethod
+    def from_file(
+        cls, path: str | os.PathLike[str], *, width: int | None = None, height: int | None = None
+    ) -> Camera:
+        """Read a calibration: YAML (`.yaml`, `.yml`) or text.
+
+        YAML holds the names of this class; text holds `fx fy cx cy k1 k2 p1 p2 k3` on one line, as the
+        calibrations of the Event Camera Dataset do, and no size.
+
+        Args:
+            path: the file.
+            width, height: sensor size, px; needed where the file has none.
+
+        Raises:
+            OSError: the file cannot be read.
+            ValueError: it holds no camera; the message names the file.
+        """
+        path = Path(path)
+        read = _read_yaml if path.suffix.lower() in (".yaml", ".yml") else _read_text
+        values = read(path)
+        for name, value in (("width", width), ("height", height)):
+            if value is None:
+                continue
+            if values.setdefault(name, value) != value:
+                raise ValueError(f"{path}: {name} is {values[name]}, but {value} was asked for")
+        missing = [name for name in ("width", "height", "fx", "fy", "cx", "cy") if name not in values]
+        if missing:
+            raise ValueError(f"{path}: {', '.join(missing)} missing")
+        try:
+            return cls(**values)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from error
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise ValueError(f"camera: {name} is {value!r}, expected a number")
+    return float(value)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(document, Mapping):
+        raise ValueError(f"{path}: expected a mapping of camera fields, found {type(document).__name__}")
+    known = {field.name for field in fields(Camera)}
+    unknown = sorted(str(name) for name in document if name not in known)
+    if unknown:
+        raise ValueError(f"{path}: unknown camera fields {', '.join(unknown)}")
+    if not isinstance(document.get("distortion", []), list):
+        raise ValueError(f"{path}: distortion is {document['distortion']!r}, expected a list of numbers")
+    return dict(document)
+
+
+def _read_text(path: Path) -> dict[str, Any]:
+    try:
+        numbers = [float(word) for word in path.read_text(encoding="utf-8").split()]
+    except ValueError as error:
+        raise ValueError(f"{path}: expected the numbers '{_TEXT_FIELDS}': {error}") from error
+    if len(numbers) not in (4, 8, 9):
+        raise ValueError(
+            f"{path}: {len(numbers)} numbers, not '{_TEXT_FIELDS}' (k3 or all coefficients may be absent)"
+        )
+    values: dict[str, Any] = dict(zip(("fx", "fy", "cx", "cy"), numbers, strict=False))
+    values["distortion"] = tuple(numbers[4:])
+    return values
