@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import hashlib
 import importlib
 import json
@@ -13,28 +14,32 @@ import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from types import FrameType
+from typing import Any, Final, Literal, NoReturn
 
 import numpy as np
 
 import emseg
+from emseg.camera import Camera
 from emseg.config import Config
 from emseg.events import EventArray
 from emseg.io import ReadError, find_reader, read
 from emseg.render import label_picture, motion_picture, polarity_picture, side_by_side
 from emseg.video import VideoError, VideoWriter, film
-from emseg.writers import TRACK_DTYPE, SequenceResult, atomic_folder, save_result, write_png
+from emseg.writers import TRACK_DTYPE, SequenceResult, atomic_folder, load_result, save_result, write_png
 
-__all__ = ["Job", "Outcome", "collect", "find_inputs", "name_inputs", "run_job", "run_jobs", "write_video"]
+__all__ = ["Job", "Outcome", "collect", "find_inputs", "name_inputs", "render_video", "run_job", "run_jobs"]
 
 _log = logging.getLogger(__name__)
 
-SEGMENTER: Final = "emseg.segmentation:Segmenter"
+VIDEO_NAME: Final = "segmentation.mp4"
+
+SEGMENTER: str = "emseg.segmentation:Segmenter"
 """What segments, as module:name; imported in the process that runs the job."""
 
 Progress = Callable[[int, int], None]
@@ -49,18 +54,20 @@ class Job:
         source: The recording.
         target: The folder of its results.
         config: Settings.
-        camera: Arguments of :class:`emseg.Camera`, or None.
+        camera: Calibration file of the camera, or None.
         video: Whether to write a video, "yes" or "no".
         existing: What to do about results of another recording or of other settings, "keep" or "replace".
+        threads: Threads where the settings leave their number open; 0: all cores.
         segmenter: What segments, as module:name.
     """
 
     source: Path
     target: Path
     config: Config
-    camera: Mapping[str, Any] | None = None
+    camera: Path | None = None
     video: Literal["yes", "no"] = "no"
     existing: Literal["keep", "replace"] = "keep"
+    threads: int = 0
     segmenter: str = SEGMENTER
 
 
@@ -175,15 +182,20 @@ def collect(
             best, most_moving = seg, moving
         if progress is not None:
             progress(stop, len(events))
-    start, stop, t_ref = np.array(windows, np.int64).reshape(-1, 3).T
+    table = np.array(windows, np.int64).reshape(-1, 3)
     result = SequenceResult(
-        labels, start.copy(), stop.copy(), t_ref.copy(), np.array(tracks, TRACK_DTYPE), models
+        labels,
+        start=table[:, 0].copy(),
+        stop=table[:, 1].copy(),
+        t_ref=table[:, 2].copy(),
+        tracks=np.array(tracks, TRACK_DTYPE),
+        models=models,
     )
     return result, best, dict(timings)
 
 
 def run_job(job: Job, progress: Progress | None = None) -> Outcome:
-    """Segment one recording, unless its results are there already.  Never raises for what is wrong with it."""
+    """Segment one recording, unless its results are there.  Whatever goes wrong is a failed outcome."""
     try:
         return _run(job, progress)
     except (ReadError, _JobError, VideoError) as error:
@@ -202,14 +214,15 @@ def run_job(job: Job, progress: Progress | None = None) -> Outcome:
 
 def _run(job: Job, progress: Progress | None) -> Outcome:
     began = time.perf_counter()
-    find_reader(job.source)  # names what is wrong before the file is hashed
     identity = {
-        "input_sha256": _sha256(job.source),
+        "input_sha256": _sha256(_existing(job.source)),
         "config_sha256": job.config.fingerprint(),
-        "camera": dict(job.camera) if job.camera is not None else None,
+        "camera_sha256": None if job.camera is None else _sha256(job.camera),
     }
     if job.existing == "keep" and job.target.exists():
         _check_existing(job, identity)
+        if job.video == "yes" and not (job.target / VIDEO_NAME).exists():
+            render_video(job.target, job.source)
         return Outcome(job, "skipped", f"{job.source}: already done: {job.target}")
     events = read(job.source)
     read_s = time.perf_counter() - began
@@ -220,7 +233,7 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
         if best is not None:
             _write_pictures(folder, events, best)
         if job.video == "yes":
-            write_video(folder / "segmentation.mp4", events, result)
+            _write_video(folder / VIDEO_NAME, events, result)
         run = {
             "input": {
                 "name": job.source.name,
@@ -259,13 +272,14 @@ def _check_existing(job: Job, identity: Mapping[str, Any]) -> None:
         run = json.loads((job.target / "run.json").read_text(encoding="utf-8"))
         found = {key: run[key] for key in identity}
     except (OSError, ValueError, KeyError, TypeError):
-        raise _JobError(f"{job.source}: {job.target} holds no result of emseg; --overwrite replaces it") from None
+        problem = f"{job.target} holds no complete result; --overwrite replaces it"
+        raise _JobError(f"{job.source}: {problem}") from None
     if found["input_sha256"] != identity["input_sha256"]:
-        raise _JobError(f"{job.source}: {job.target} holds another recording's result; --overwrite replaces it")
+        problem = f"{job.target} holds another recording's result; --overwrite replaces it"
+        raise _JobError(f"{job.source}: {problem}")
     if found != identity:
-        raise _JobError(f"{job.source}: {job.target} has other settings' result; --overwrite replaces it")
-    if job.video == "yes" and not (job.target / "segmentation.mp4").exists():
-        raise _JobError(f"{job.source}: {job.target} has no video; `emseg render {job.target}` makes it")
+        problem = f"{job.target} holds a result of other settings; --overwrite replaces it"
+        raise _JobError(f"{job.source}: {problem}")
 
 
 def _segmenter(job: Job, events: EventArray) -> Any:
@@ -273,13 +287,14 @@ def _segmenter(job: Job, events: EventArray) -> Any:
     factory = getattr(importlib.import_module(module), name)
     camera = None
     if job.camera is not None:
-        camera = importlib.import_module("emseg.camera").Camera(**job.camera)
-        if (camera.width, camera.height) != (events.width, events.height):
-            raise _JobError(
-                f"{job.source}: is {events.width}x{events.height}, "
-                f"expected the camera's {camera.width}x{camera.height}"
-            )
-    return factory(width=events.width, height=events.height, camera=camera, config=job.config)
+        try:
+            camera = Camera.from_file(job.camera, width=events.width, height=events.height)
+        except ValueError as error:
+            raise _JobError(f"{job.source}: {error}") from None
+    config = job.config
+    if config.threads == 0:
+        config = config.model_copy(update={"threads": job.threads})
+    return factory(width=events.width, height=events.height, camera=camera, config=config)
 
 
 def _write_pictures(folder: Path, events: EventArray, seg: Any) -> None:
@@ -295,8 +310,38 @@ def _write_pictures(folder: Path, events: EventArray, seg: Any) -> None:
     write_png(folder / "motion.png", motion_picture(seg, caption=f"{caption}, each moved by its own motion"))
 
 
-def write_video(path: Path, events: EventArray, result: SequenceResult) -> None:
-    """Write the film of a segmented recording."""
+def render_video(folder: Path, source: Path | None = None) -> Path:
+    """Make the video of a result folder (again).
+
+    Args:
+        folder: What :func:`run_job` wrote.
+        source: The recording, if it is no longer where it was.
+
+    Returns:
+        The video's path.
+
+    Raises:
+        ValueError: naming the file that is missing, damaged or of another recording.
+        VideoError: where it cannot be encoded.
+    """
+    result, run = load_result(folder)
+    source = source or Path(run["input"]["path"])
+    if _sha256(_existing(source)) != run["input_sha256"]:
+        raise ReadError(source, f"is not the recording that {folder} is the result of")
+    work = folder / f".{VIDEO_NAME}.tmp-{os.getpid()}.mp4"
+    try:
+        _write_video(work, read(source), result)
+        return work.replace(folder / VIDEO_NAME)
+    finally:
+        work.unlink(missing_ok=True)
+
+
+def _existing(source: Path) -> Path:
+    find_reader(source)  # raises, naming the file, where there is none
+    return source
+
+
+def _write_video(path: Path, events: EventArray, result: SequenceResult) -> None:
     shown = film(events, result)
     with VideoWriter(path, frames_per_s=shown.frames_per_s) as writer:
         for frame in shown.frames:
@@ -317,7 +362,7 @@ def _commit() -> str | None:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
 
     try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # else it is merely installed inside some tree
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # else it is only installed inside a tree
         changed = git("status", "--porcelain", "--untracked-files=no")
         return git("rev-parse", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
@@ -332,33 +377,58 @@ def run_jobs(
     Args:
         jobs: What to do.
         processes: How many to do at a time, each in a process of its own; 1: all in this one.
-        progress: Called with a job and its events done and in all; with processes, only where a job ends.
+        progress: Called with a job and its events done and in all; not across processes.
     """
     if processes <= 1 or len(jobs) <= 1:
         for job in jobs:
-            yield run_job(job, _bound(progress, job) if progress is not None else None)
+            yield run_job(job, None if progress is None else functools.partial(progress, job))
         return
-    cores = os.cpu_count() or 1
-    shared = [_share_cores(job, max(1, cores // processes)) for job in jobs]
-    unfinished = yield from _run_pool(shared, processes)
+    threads = max(1, (os.cpu_count() or 1) // processes)
+    unfinished = yield from _run_pool([replace(job, threads=threads) for job in jobs], processes)
     for job in unfinished:  # a process died, and the pool with it: find out whose, one by one
         if (yield from _run_pool([job], 1)):
             yield Outcome(job, "failed", f"{job.source}: its process died, perhaps for want of memory")
 
 
-def _bound(progress: Callable[[Job, int, int], None], job: Job) -> Progress:
-    return lambda done, of: progress(job, done, of)
+def _run_pool(jobs: Sequence[Job], processes: int) -> Generator[Outcome, None, list[Job]]:
+    """Outcomes as they end; returns the jobs that were open when a process died."""
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(
+        min(processes, len(jobs)),
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_prepare_worker,
+    )
+    unfinished: list[Job] = []
+    futures: dict[Future[Outcome], Job] = {}
+    try:
+        for job in jobs:
+            try:
+                futures[pool.submit(run_job, job)] = job
+            except BrokenProcessPool:
+                unfinished.append(job)
+        for future in as_completed(futures):
+            try:
+                outcome = future.result()
+            except BrokenProcessPool:
+                unfinished.append(futures[future])
+            else:
+                yield outcome
+    except BaseException:  # interrupted: the workers clear their half-written results and go
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown()
+    return unfinished
 
 
-def _share_cores(job: Job, threads: int) -> Job:
-    if job.config.threads != 0:
-        return job
-    return replace(job, config=job.config.model_copy(update={"threads": threads}))
+def _prepare_worker() -> None:
+    """Leave a worker's end to its parent: no interrupt from the keyboard, but SIGTERM clears up."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, exit_on_signal)
 
 
-def _run_pool(jobs: Sequence[Job], processes: int) -> Iterator[Outcome]:
-    raise NotImplementedError
-
-
-def _run_pool_(jobs: Sequence[Job], processes: int) -> Any:
-    raise NotImplementedError
+def exit_on_signal(number: int, frame: FrameType | None) -> NoReturn:
+    """Signal handler: end by an exception, so that half-written results are removed on the way."""
+    raise SystemExit(128 + number)

@@ -34,7 +34,7 @@ class NumpyReader:
     name = "NumPy archive (.npz, .npy)"
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether it is an .npy, or a zip archive of nothing but them."""
+        """Whether it is an .npy, or an archive of arrays with names of at least two of our columns."""
         if head.startswith(_NPY_MAGIC):
             return True
         if not head.startswith((_ZIP_MAGIC, _EMPTY_ZIP_MAGIC)):
@@ -46,7 +46,9 @@ class NumpyReader:
             # Damaged: the first member's name, which comes first in the file, tells whether it was an npz.
             length = int.from_bytes(head[26:28], "little")
             return head[_LOCAL_HEADER_BYTES : _LOCAL_HEADER_BYTES + length].endswith(b".npy")
-        return all(name.endswith(".npy") for name in names)
+        keys = [name.removesuffix(".npy") for name in names if name.endswith(".npy")]
+        columns = sum(find_column(keys, column) is not None for column in "xytp")
+        return len(keys) == len(names) and (columns >= 2 or not set(_TABLE_KEYS).isdisjoint(keys))
 
     def read(self, path: Path, *, size: tuple[int, int] | None = None) -> EventArray:
         """See :meth:`emseg.io.Reader.read`."""
