@@ -46,6 +46,7 @@ _PALETTE: Final = np.array(
 )
 _GROUND: Final = (16, 16, 18)
 _BACKGROUND_EVENT: Final = (118, 118, 122)
+_BACKGROUND_INK: Final = (165, 165, 170)  # lighter, since most of an image of warped events is faint
 _NOISE_EVENT: Final = (52, 52, 56)
 _RISE: Final = (236, 236, 230)
 _FALL: Final = (74, 128, 196)
@@ -73,9 +74,9 @@ def track_colour(track: int) -> tuple[int, int, int]:
     return int(red), int(green), int(blue)
 
 
-def fitting_scale(width: int, height: int) -> int:
-    """The least whole factor that brings the longer side to 960 px."""
-    return max(1, -(-_LONGER_SIDE // max(width, height)))
+def fitting_scale(width: int, height: int, *, longer_side: int = _LONGER_SIDE) -> int:
+    """The least whole factor that brings the longer side to `longer_side` px."""
+    return max(1, -(-longer_side // max(width, height)))
 
 
 def polarity_picture(events: EventArray, *, caption: str = "", scale: int | None = None) -> Picture:
@@ -150,7 +151,7 @@ def motion_picture(window: SegmentedWindow, *, caption: str = "", scale: int | N
     tones = dict(zip(images, _tone(np.stack(list(images.values()))), strict=True))
     ink = np.zeros((*next(iter(images.values())).shape, 3), np.float32)
     for label, tone in tones.items():
-        colour = track_colour(label) if label > 0 else _BACKGROUND_EVENT if label == 0 else _NOISE_EVENT
+        colour = track_colour(label) if label > 0 else _BACKGROUND_INK if label == 0 else _NOISE_EVENT
         ink = np.maximum(ink, tone[..., None] * np.array(colour, np.float32))
     return _finish(np.maximum(ink, np.array(_GROUND)).astype(np.uint8), scale, caption)
 

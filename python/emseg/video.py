@@ -25,7 +25,8 @@ _FRAMES_PER_S: Final = 30
 _SHORTEST_S: Final = 4.0  # shorter recordings are slowed down to this
 _SHORTEST_STEP_US: Final = 500
 _LONGEST_EXPOSURE_US: Final = 100_000
-_FILLING: Final = 0.02  # events a pixel that a frame should show at least
+_LONGER_SIDE: Final = 1280  # px, of both pictures together
+_FILLING: Final = 0.04  # events a pixel that a frame should show at least
 
 
 class VideoError(RuntimeError):
@@ -68,11 +69,12 @@ def _frames(
     events: EventArray, result: SequenceResult, step: float, count: int, slowdown: float
 ) -> Iterator[Picture]:
     if not len(events):
-        yield side_by_side(polarity_picture(events), label_picture(events, result.labels))
+        blank = polarity_picture(events, caption="no events")
+        yield side_by_side(blank, blank)
         return
     enough = _FILLING * events.width * events.height * max(1, events.duration) / len(events)
     exposure = float(np.clip(enough, step, max(step, _LONGEST_EXPOSURE_US)))
-    scale = fitting_scale(2 * events.width, events.height)
+    scale = fitting_scale(2 * events.width, events.height, longer_side=_LONGER_SIDE)
     first = int(events.t[0])
     pace = f"   {slowdown:.3g}× slower" if slowdown > 1.01 else ""
     for k in range(count):
