@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -184,17 +185,11 @@ def test_boxes_move_evenly_between_windows() -> None:
     result = result_of(events, window=100)
     tracks = result.tracks[result.tracks["track"] == 1].copy()
     tracks["x"] = [0, 10, 20]
-    result = batch.SequenceResult(
-        result.labels, result.start, result.stop, result.t_ref, tracks, result.models
-    )
+    result = dataclasses.replace(result, tracks=tracks)
     first, second, last = (int(t) for t in tracks["t_us"])
-    xs = [
-        video._boxes_at(events, result, t)["x"].tolist() for t in (first, (first + second) // 2, second, last)
-    ]
-    assert xs == [[0], [5], [10], [20]]
-    without = batch.SequenceResult(
-        result.labels, result.start, result.stop, result.t_ref, tracks[:1], result.models
-    )
+    times = (first, (first + second) // 2, second, last)
+    assert [video._boxes_at(events, result, t)["x"].tolist() for t in times] == [[0], [5], [10], [20]]
+    without = dataclasses.replace(result, tracks=tracks[:1])
     assert len(video._boxes_at(events, without, second)) == 0
     assert len(video._boxes_at(events, without, -5)) == 0
 
@@ -239,9 +234,9 @@ def test_video_falls_back_to_opencv(
 
 def test_video_without_encoder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hide(monkeypatch, "imageio_ffmpeg", "cv2")
-    with VideoWriter(tmp_path / "a.mp4", frames_per_s=30) as writer:
-        with pytest.raises(VideoError, match=r"pip install 'emseg\[viz\]'"):
-            writer.write(np.zeros((32, 64, 3), np.uint8))
+    writer = VideoWriter(tmp_path / "a.mp4", frames_per_s=30)
+    with pytest.raises(VideoError, match=r"pip install 'emseg\[viz\]'"):
+        writer.write(np.zeros((32, 64, 3), np.uint8))
 
 
 def test_video_that_cannot_be_written(tmp_path: Path) -> None:
