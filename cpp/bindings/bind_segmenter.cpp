@@ -1,5 +1,99 @@
+#include <pybind11/stl.h>
+
+#include "emseg/segmenter.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
+using namespace emseg;
+using namespace emseg::bindings;
 
-void bind_segmenter(py::module_&) {}
+namespace {
+
+using NamedModel = std::pair<std::string, std::vector<double>>;
+
+std::vector<MotionModel> motions(const std::vector<NamedModel>& named) {
+  std::vector<MotionModel> models;
+  for (const auto& [kind, params] : named) models.push_back(make_motion(motion_kind(kind), params));
+  return models;
+}
+
+std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
+  std::vector<NamedModel> result;
+  for (const MotionModel& model : models) {
+    const auto params = params_of(model);
+    result.emplace_back(std::string(name_of(kind_of(model))), std::vector<double>(params.begin(), params.end()));
+  }
+  return result;
+}
+
+SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
+                              std::optional<double> lambda_label, int bracket_row, int bracket_col, double max_speed,
+                              double max_scale_rate, double max_angle_rate, const std::vector<std::string>& kinds,
+                              int num_iter_segmentation, int num_iter_labeling, double sigma, bool mark_noise,
+                              int threads) {
+  SegmenterOptions options;
+  options.data_term = data_term(term);
+  options.lambda_data = lambda_data;
+  options.lambda_smooth = lambda_smooth;
+  options.lambda_label = lambda_label;
+  options.bracket_row = bracket_row;
+  options.bracket_col = bracket_col;
+  options.bounds = {max_speed, max_scale_rate, max_angle_rate};
+  options.kinds.clear();
+  for (const std::string& kind : kinds) options.kinds.push_back(motion_kind(kind));
+  options.num_iter_segmentation = num_iter_segmentation;
+  options.num_iter_labeling = num_iter_labeling;
+  options.sigma = sigma;
+  options.mark_noise = mark_noise;
+  options.threads = threads;
+  options.check();
+  return options;
+}
+
+}  // namespace
+
+void bind_segmenter(py::module_& m) {
+  const SegmenterOptions defaults;
+  py::class_<SegmenterOptions>(m, "SegmenterOptions", "Settings of the engine; emseg.Config is their public face.")
+      .def(py::init(&make_options), py::kw_only(), py::arg("data_term") = "logarithmic",
+           py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
+           py::arg("lambda_label") = defaults.lambda_label, py::arg("bracket_row") = defaults.bracket_row,
+           py::arg("bracket_col") = defaults.bracket_col, py::arg("affine_trans2d_max") = defaults.bounds.speed,
+           py::arg("affine_scale_max") = defaults.bounds.scale_rate,
+           py::arg("affine_theta_max") = defaults.bounds.angle_rate,
+           py::arg("kinds") = std::vector<std::string>{"translation", "similarity"},
+           py::arg("num_iter_segmentation") = defaults.num_iter_segmentation,
+           py::arg("num_iter_labeling") = defaults.num_iter_labeling, py::arg("sigma") = defaults.sigma,
+           py::arg("mark_noise") = defaults.mark_noise, py::arg("threads") = defaults.threads,
+           "Raise ValueError that names the first setting out of range.");
+
+  py::class_<Segmentation>(m, "Segmentation", "What the engine makes of one window.")
+      .def_property_readonly("labels",
+                             [](const Segmentation& s) { return to_numpy(std::vector<std::int32_t>(s.labels)); })
+      .def_property_readonly("models", [](const Segmentation& s) { return named(s.models); })
+      .def_readonly("t_ref", &Segmentation::t_ref)
+      .def_readonly("energy", &Segmentation::energy)
+      .def_readonly("energy_trace", &Segmentation::energy_trace)
+      .def_readonly("reference_sharpness", &Segmentation::reference_sharpness)
+      .def_readonly("timings", &Segmentation::timings);
+
+  py::class_<Segmenter>(m, "Segmenter", "The engine for one sensor: keeps tables, threads and memory between windows.")
+      .def(py::init([](int width, int height, const SegmenterOptions& options, const Camera* camera) {
+             return std::make_unique<Segmenter>(ImageSize{width, height},
+                                                camera ? std::optional<Camera>(*camera) : std::nullopt, options);
+           }),
+           py::arg("width"), py::arg("height"), py::arg("options"), py::arg("camera") = nullptr)
+      .def(
+          "segment",
+          [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
+             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::optional<std::int64_t> t_ref,
+             const std::vector<NamedModel>& pool, const std::vector<NamedModel>& candidates) {
+            const EventView events = event_view(x, y, t, p);
+            const WindowPrior prior{t_ref, motions(pool), motions(candidates)};
+            py::gil_scoped_release release;
+            return segmenter.segment(events, prior);
+          },
+          py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref") = std::nullopt,
+          py::arg("pool") = std::vector<NamedModel>{}, py::arg("candidates") = std::vector<NamedModel>{},
+          "Segment one window.  Models are (kind, parameters); an empty pool is searched for.");
+}

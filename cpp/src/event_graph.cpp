@@ -1,6 +1,9 @@
 #include "emseg/event_graph.hpp"
 
+#include <algorithm>
+#include <array>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <stdexcept>
 #include <string>
@@ -103,8 +106,11 @@ PixelAdjacency make_adjacency(std::size_t pixel_count, std::span<const PixelEdge
 // order.
 struct EdgesByLargerEnd {
   std::vector<std::int64_t> start;
-  std::vector<std::int32_t> smaller_end;
+  std::unique_ptr<std::int32_t[]> smaller_end;
 };
+
+// The last four events of a pixel, latest first.
+using Latest = std::array<std::int32_t, 4>;
 
 // Plays the events in order.  When event j arrives at a pixel, its edges to earlier events are: its
 // predecessor there, and at each neighbouring pixel the last event so far (j's "before"), and further back
@@ -112,26 +118,34 @@ struct EdgesByLargerEnd {
 // arrives.
 EdgesByLargerEnd join_events(std::span<const std::int32_t> pixel_of_event, const PixelAdjacency& adjacency) {
   const std::size_t n = pixel_of_event.size();
+  std::int64_t most_edges = static_cast<std::int64_t>(n);  // to predecessors, and two per neighbouring pixel
+  for (const std::int32_t pixel : pixel_of_event) {
+    most_edges += 2 * static_cast<std::int64_t>(adjacency.of(pixel).size());
+  }
   EdgesByLargerEnd edges;
-  edges.start.reserve(n + 1);
-  edges.start.push_back(0);
-  std::vector<std::int32_t> latest(adjacency.start.size() - 1, none);  // event so far, by pixel
-  std::vector<std::int32_t> predecessor(n);                            // at the same pixel, by event
+  edges.start.resize(n + 1);
+  edges.smaller_end =
+      std::make_unique_for_overwrite<std::int32_t[]>(static_cast<std::size_t>(most_edges) + Latest{}.size());
+  std::vector<Latest> latest_of_pixel(adjacency.start.size() - 1, Latest{none, none, none, none});
+  std::vector<std::int32_t> predecessor(n);  // at the same pixel, by event
+  std::int32_t* end = edges.smaller_end.get();
   for (std::size_t j = 0; j < n; ++j) {
-    const std::int32_t pixel = pixel_of_event[j];
-    const std::int32_t previous = latest[pixel];
-    if (previous != none) edges.smaller_end.push_back(previous);
-    for (const std::int32_t neighbour : adjacency.of(pixel)) {
-      std::int32_t i = latest[neighbour];
-      if (i == none) continue;
-      do {
-        edges.smaller_end.push_back(i);
-        i = predecessor[i];
-      } while (i > previous);
+    Latest& here = latest_of_pixel[pixel_of_event[j]];
+    const std::int32_t previous = here[0];
+    *end = previous;
+    end += previous != none;
+    for (const std::int32_t neighbour : adjacency.of(pixel_of_event[j])) {
+      // How many events lie since `previous` cannot be predicted, so four are copied and the right ones kept.
+      const Latest there = latest_of_pixel[neighbour];
+      std::copy(there.begin(), there.end(), end);
+      end += (there[0] != none) + (there[1] > previous) + (there[2] > previous) + (there[3] > previous);
+      if (there[3] > previous) {
+        for (std::int32_t i = predecessor[there[3]]; i > previous; i = predecessor[i]) *end++ = i;
+      }
     }
     predecessor[j] = previous;
-    latest[pixel] = static_cast<std::int32_t>(j);
-    edges.start.push_back(static_cast<std::int64_t>(edges.smaller_end.size()));
+    here = {static_cast<std::int32_t>(j), here[0], here[1], here[2]};
+    edges.start[j + 1] = end - edges.smaller_end.get();
   }
   return edges;
 }
@@ -140,11 +154,12 @@ EdgesByLargerEnd join_events(std::span<const std::int32_t> pixel_of_event, const
 // sorted.
 EventGraph transpose(const EdgesByLargerEnd& edges) {
   const std::size_t n = edges.start.size() - 1;
+  const std::int64_t edge_count = edges.start[n];
   EventGraph graph;
   graph.indptr.resize(n + 2);  // filled one place late, as in make_adjacency
-  for (const std::int32_t i : edges.smaller_end) ++graph.indptr[i + 2];
+  for (std::int64_t e = 0; e < edge_count; ++e) ++graph.indptr[edges.smaller_end[e] + 2];
   accumulate_counts(graph.indptr);
-  graph.indices.resize(edges.smaller_end.size());
+  graph.indices.resize(static_cast<std::size_t>(edge_count));
   for (std::size_t j = 0; j < n; ++j) {
     for (std::int64_t e = edges.start[j]; e < edges.start[j + 1]; ++e) {
       graph.indices[graph.indptr[edges.smaller_end[e] + 1]++] = static_cast<std::int32_t>(j);

@@ -8,6 +8,7 @@
 
 #include "expansion_move.hpp"
 #include "labeling_problem.hpp"
+#include "ordered_problem.hpp"
 
 namespace emseg {
 
@@ -38,6 +39,7 @@ std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& prob
 template <typename Cost, typename Capacity>
 void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, ExpansionMove<Capacity>& move,
               ExpansionResult& result) {
+  move.begin(problem);
   std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
   for (const std::int32_t label : result.labels) ++used[static_cast<std::size_t>(label)];
 
@@ -76,12 +78,15 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem, std
   }
   result.energy = evaluate(problem, result.labels);
   result.energy_trace.push_back(result.energy);
-  ExpansionWorkspace::Moves& moves = workspace.moves();
+
+  const OrderedProblem<Cost> ordered(problem);
+  result.labels = ordered.ordered(result.labels);
   if (widest <= std::numeric_limits<std::int32_t>::max()) {
-    minimise(problem, options.max_sweeps, moves.narrow, result);
+    minimise(ordered.view(), options.max_sweeps, workspace.moves().narrow, result);
   } else {
-    minimise(problem, options.max_sweeps, moves.wide, result);
+    minimise(ordered.view(), options.max_sweeps, workspace.moves().wide, result);
   }
+  result.labels = ordered.original(result.labels);
   return result;
 }
 

@@ -23,10 +23,17 @@ namespace emseg {
 // alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless it is to
 // keep everything; it is taken if it gains more than that cost.  The other labels' costs are in LabelHubs.
 //
+// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it is as
+// good a beginning as none, and where little has changed it leaves little to do, often not even a graph to build.
+//
 // Capacity must hold the range of the data costs plus twice the weights at any one site (see FlowSolver).
 template <typename Capacity>
 class ExpansionMove {
  public:
+  // Forgets what earlier moves left for this problem or another.
+  template <typename Cost>
+  void begin(const BasicLabelingProblem<Cost>& problem);
+
   // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every label.
   template <typename Cost>
   std::int64_t find(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
@@ -40,12 +47,22 @@ class ExpansionMove {
   void gather_sites(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
                     std::int32_t alpha);
   template <typename Cost>
-  void add_terminals(const BasicLabelingProblem<Cost>& problem);
+  void add_terminals(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow);
   template <typename Cost>
-  void add_edges(const BasicLabelingProblem<Cost>& problem);
+  void add_edges(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow);
+  template <typename Cost>
+  void keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const;
+  std::int64_t deficits() const;
   std::int64_t gain_bound() const;
 
   static constexpr std::int32_t kHasAlpha = -1;
+  static constexpr std::int32_t kNoArc = -1;
+  static constexpr std::size_t kFlowMemory = std::size_t{32} << 20;  // bytes; labels beyond start from no flow
+
+  // Flow along an edge of the given ends as far as its capacities allow: `weight` each way, or only backward.
+  static Capacity clamped(Capacity flow, Capacity weight, bool equal_labels) {
+    return std::clamp<Capacity>(flow, static_cast<Capacity>(-weight), equal_labels ? weight : Capacity{0});
+  }
 
   FlowSolver<Capacity> solver_;
   LabelHubs<Capacity> hubs_;
@@ -53,8 +70,20 @@ class ExpansionMove {
   std::vector<std::int32_t> site_of_node_;
   std::vector<std::int32_t> label_of_node_;
   std::vector<std::int64_t> hub_cost_;  // per label: its cost if it is in use and not alpha
+  std::vector<std::vector<Capacity>> flows_;  // per label: the last move's flow along every edge
+  std::vector<std::int32_t> arc_of_edge_;     // or kNoArc
   std::vector<std::int32_t> switched_;
 };
+
+template <typename Capacity>
+template <typename Cost>
+void ExpansionMove<Capacity>::begin(const BasicLabelingProblem<Cost>& problem) {
+  const std::size_t edge_count = std::max<std::size_t>(1, problem.indices.size());
+  const auto label_count = static_cast<std::size_t>(problem.label_count);
+  flows_.resize(std::min(label_count, kFlowMemory / (edge_count * sizeof(Capacity)) + 1));
+  for (auto& flow : flows_) flow.clear();
+  arc_of_edge_.resize(problem.indices.size());
+}
 
 template <typename Capacity>
 template <typename Cost>
@@ -69,21 +98,32 @@ std::int64_t ExpansionMove<Capacity>::find(const BasicLabelingProblem<Cost>& pro
   }
   const std::int64_t price = used[static_cast<std::size_t>(alpha)] > 0 ? 0 : problem.cost_of_label(alpha);
 
+  // Labels beyond the memory share the last flow: it begins less well, and is as valid.
+  std::vector<Capacity>& flow = flows_[std::min(static_cast<std::size_t>(alpha), flows_.size() - 1)];
+  if (flow.empty()) flow.assign(problem.indices.size(), 0);
   gather_sites(problem, labels, alpha);
-  add_terminals(problem);
+  add_terminals(problem, flow);
   if (gain_bound() <= price) return 0;
-  add_edges(problem);
+  add_edges(problem, flow);
 
   // Keeping everything cuts every deficit; the minimum cut is as large as the flow.
-  std::int64_t gain = -price;
-  for (std::size_t v = 0; v < solver_.node_count(); ++v) gain -= std::min<std::int64_t>(0, solver_.excess(v));
-  gain -= solver_.maximise();
+  const std::int64_t keep_all = deficits();
+  solver_.start();
+  solver_.maximise(keep_all - price);
+  if (!solver_.is_maximum()) {
+    if (gain_bound() <= price) {
+      keep_flow(problem, flow);
+      return 0;
+    }
+    solver_.maximise();
+  }
+  std::int64_t gain = deficits() - price;
   hubs_.survey(solver_, label_of_node_, hub_cost_);
   for (std::int32_t l = 0; l < problem.label_count; ++l) {
     if (hubs_.is_wiped_by_cut(l)) gain += hub_cost_[static_cast<std::size_t>(l)];
   }
-  if (gain + hubs_.gain_bound() <= 0) return 0;
-  gain += hubs_.fill(solver_);
+  if (gain + hubs_.gain_bound() > 0) gain += hubs_.fill(solver_);
+  keep_flow(problem, flow);
   if (gain <= 0) return 0;
 
   for (std::size_t v = 0; v < solver_.node_count(); ++v) {
@@ -120,10 +160,12 @@ void ExpansionMove<Capacity>::gather_sites(const BasicLabelingProblem<Cost>& pro
 
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& problem) {
+void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& problem,
+                                            std::span<const Capacity> flow) {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
   for (std::size_t i = 0; i < problem.site_count(); ++i) {
     const std::int32_t u = node_of_site_[i];
+    Capacity from_u = 0;
     for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
          ++e) {
       const std::int32_t v = node_of_site_[static_cast<std::size_t>(problem.indices[e])];
@@ -132,21 +174,25 @@ void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& pr
       if (u == kHasAlpha) {
         solver_.excess(static_cast<std::size_t>(v)) -= weight;
       } else if (v == kHasAlpha) {
-        solver_.excess(static_cast<std::size_t>(u)) -= weight;
+        from_u += weight;
       } else {
         solver_.count_edge(u, v);
-        if (label_of_node_[static_cast<std::size_t>(u)] != label_of_node_[static_cast<std::size_t>(v)]) {
-          solver_.excess(static_cast<std::size_t>(u)) -= weight;
-        }
+        const bool equal =
+            label_of_node_[static_cast<std::size_t>(u)] == label_of_node_[static_cast<std::size_t>(v)];
+        const Capacity along = clamped(flow[e], weight, equal);
+        from_u += equal ? along : along + weight;
+        solver_.excess(static_cast<std::size_t>(v)) += along;
       }
     }
+    if (u != kHasAlpha) solver_.excess(static_cast<std::size_t>(u)) -= from_u;
   }
 }
 
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& problem) {
+void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow) {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
+  std::fill(arc_of_edge_.begin(), arc_of_edge_.end(), kNoArc);
   solver_.allocate();
   for (std::size_t u = 0; u < site_of_node_.size(); ++u) {
     const auto i = static_cast<std::size_t>(site_of_node_[u]);
@@ -156,9 +202,29 @@ void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& proble
       if (v == kHasAlpha || v == static_cast<std::int32_t>(u)) continue;
       const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
       const bool equal = label_of_node_[u] == label_of_node_[static_cast<std::size_t>(v)];
-      solver_.add_edge(static_cast<std::int32_t>(u), v, equal ? weight : 0, weight);
+      const Capacity along = clamped(flow[e], weight, equal);
+      arc_of_edge_[e] = solver_.add_edge(static_cast<std::int32_t>(u), v, (equal ? weight : Capacity{0}) - along,
+                                         weight + along);
     }
   }
+}
+// An edge's arc starts with weight + flow backward, whatever the labels.
+template <typename Capacity>
+template <typename Cost>
+void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const {
+  const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
+  for (std::size_t e = 0; e < flow.size(); ++e) {
+    if (arc_of_edge_[e] == kNoArc) continue;
+    flow[e] = solver_.arc(arc_of_edge_[e]).backward - static_cast<Capacity>(problem.weight[e * stride]);
+  }
+}
+
+// What the cut that keeps every label pays.
+template <typename Capacity>
+std::int64_t ExpansionMove<Capacity>::deficits() const {
+  std::int64_t sum = 0;
+  for (std::size_t v = 0; v < solver_.node_count(); ++v) sum -= std::min<std::int64_t>(0, solver_.excess(v));
+  return sum;
 }
 
 // No move gains more than this: edges between sites count nothing, and a label is either switched where that pays, or

@@ -20,7 +20,7 @@ namespace emseg {
 // std::int64_t: residuals stay within the first, and no push raises an excess.
 //
 // Use: begin(n); count_edge(..) for every edge; allocate(); add_edge(..) for the same edges in any order;
-// excess(v) as wanted; maximise().  All memory is kept for the next graph.
+// excess(v) as wanted; start(); maximise().  All memory is kept for the next graph.
 template <typename Capacity>
 class FlowSolver {
  public:
@@ -48,11 +48,13 @@ class FlowSolver {
     arcs_.resize(static_cast<std::size_t>(first_.back()));
   }
 
-  void add_edge(std::int32_t u, std::int32_t v, Capacity forward, Capacity backward) {
+  // Returns the edge's arc at u.
+  std::int32_t add_edge(std::int32_t u, std::int32_t v, Capacity forward, Capacity backward) {
     const std::int32_t a = first_[static_cast<std::size_t>(u) + 1]++;
     const std::int32_t b = first_[static_cast<std::size_t>(v) + 1]++;
     arcs_[static_cast<std::size_t>(a)] = {v, b, forward, backward};
     arcs_[static_cast<std::size_t>(b)] = {u, a, backward, forward};
+    return a;
   }
 
   std::size_t node_count() const { return excess_.size(); }
@@ -74,20 +76,24 @@ class FlowSolver {
     sister.backward -= amount;
   }
 
-  // Pushes a maximum flow from excesses to deficits and returns its value.  Afterwards on_sink_side tells the
-  // minimum cut with the fewest nodes on the sink's side.
-  std::int64_t maximise();
+  // Once after the graph and the excesses stand.
+  void start();
 
-  // Whether a deficit can still be reached from v.
+  // Pushes flow from excesses to deficits until it is a maximum flow, or is at least `enough` at the end of a pass;
+  // then it can be called again for more.  Returns the flow since start().
+  std::int64_t maximise(std::int64_t enough = std::numeric_limits<std::int64_t>::max());
+  bool is_maximum() const { return sink_.frontier.empty(); }
+
+  // Of a maximum flow: whether a deficit can still be reached from v.  This is the minimum cut with the fewest nodes
+  // on the sink's side.
   bool on_sink_side(std::size_t v) const { return distance_[v] < 0; }
 
  private:
   enum class Side { source, sink };
 
   static constexpr std::int32_t kRoot = -1;
+  static constexpr std::int32_t kOrphan = -2;
   static constexpr std::int32_t kNone = -1;
-  // parent_ of an orphan holds the arc from which its search for a parent of the same level goes on.
-  static constexpr std::int32_t orphan_at(std::int32_t arc) { return -2 - arc; }
 
   struct Forest {
     std::int32_t depth = 1;              // the deepest finished level
@@ -128,19 +134,28 @@ class FlowSolver {
   Capacity path_capacity(std::int32_t v, Capacity bound);
   template <Side side>
   void push_along_path(std::int32_t v, Capacity amount);
-  void make_orphan(std::int32_t v, std::int32_t search_from);
+  void make_orphan(std::int32_t v);
+  void list_at_level(std::int32_t v, std::int32_t level);
   template <Side side>
   void adopt_orphans();
   template <Side side>
-  void adopt(std::int32_t v);
+  bool adopt_at_same_level(std::int32_t v);
+  template <Side side>
+  void detach(std::int32_t v);
+  template <Side side>
+  void place_detached();
+  template <Side side>
+  void place(std::int32_t v, std::int32_t level);
 
   std::vector<std::int32_t> first_;     // rows of arcs_, nodes + 2
   std::vector<Arc> arcs_;
   std::vector<Capacity> excess_;
   std::vector<std::int32_t> distance_;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
-  std::vector<std::int32_t> parent_;    // arc to the parent, kRoot, or orphan_at
+  std::vector<std::int32_t> parent_;    // arc to the parent, kRoot or kOrphan
   std::vector<std::int32_t> next_orphan_;
   std::vector<std::int32_t> orphans_;   // per level: head of a list through next_orphan_
+  std::vector<std::int32_t> detached_;  // orphans that cannot stay on their level
+  std::vector<std::int32_t> placed_;    // of these, those that found another, nearest first
   std::int32_t lowest_orphan_ = 0;
   std::int32_t highest_orphan_ = 0;
   Forest source_;
@@ -149,12 +164,16 @@ class FlowSolver {
 };
 
 template <typename Capacity>
-std::int64_t FlowSolver<Capacity>::maximise() {
+void FlowSolver<Capacity>::start() {
   flow_ = 0;
   push_to_neighbours();
   plant();
+}
+
+template <typename Capacity>
+std::int64_t FlowSolver<Capacity>::maximise(std::int64_t enough) {
   // The sink's forest is always completed, so that the cut does not depend on which side ends first.
-  while (!sink_.frontier.empty()) {
+  while (!is_maximum() && flow_ < enough) {
     if (!source_.frontier.empty() && source_.frontier.size() <= sink_.frontier.size()) {
       grow<Side::source>();
     } else {
@@ -269,76 +288,122 @@ void FlowSolver<Capacity>::push_along_path(std::int32_t v, Capacity amount) {
     const Arc& arc = arc_at(a);
     const std::int32_t up = arc.head;
     push(side == Side::source ? arc.sister : a, amount);
-    if (incoming<side>(arc) == 0) make_orphan(v, a);
+    if (incoming<side>(arc) == 0) make_orphan(v);
     v = up;
   }
   excess_at(v) -= side == Side::source ? amount : -amount;
-  if (excess_at(v) == 0) make_orphan(v, arcs_begin(v));
+  if (excess_at(v) == 0) make_orphan(v);
 }
 
 template <typename Capacity>
-void FlowSolver<Capacity>::make_orphan(std::int32_t v, std::int32_t search_from) {
-  parent(v) = orphan_at(search_from);
+void FlowSolver<Capacity>::make_orphan(std::int32_t v) {
+  parent(v) = kOrphan;
   const std::int32_t level = std::abs(distance(v));
   lowest_orphan_ = std::min(lowest_orphan_, level);
   highest_orphan_ = std::max(highest_orphan_, level);
+  list_at_level(v, level);
+}
+
+template <typename Capacity>
+void FlowSolver<Capacity>::list_at_level(std::int32_t v, std::int32_t level) {
   std::int32_t& list = orphans_[static_cast<std::size_t>(level)];
   next_orphan_[static_cast<std::size_t>(v)] = list;
   list = v;
 }
 
-// Level by level from the lowest: whoever could be a parent has been settled before.
+// Orphans first look for another parent one level up, from the lowest level on: whoever could be one has been
+// settled before.  Those without one are detached with their subtrees, and only then placed anew, nearest first:
+// relabelling them one by one would let a cut-off region count up level by level on its own stale labels.
 template <typename Capacity>
 template <typename FlowSolver<Capacity>::Side side>
 void FlowSolver<Capacity>::adopt_orphans() {
+  detached_.clear();
   for (std::int32_t level = lowest_orphan_; level <= highest_orphan_; ++level) {
     std::int32_t& list = orphans_[static_cast<std::size_t>(level)];
     while (list != kNone) {
       const std::int32_t v = list;
       list = next_orphan_[static_cast<std::size_t>(v)];
-      adopt<side>(v);
+      if (!adopt_at_same_level<side>(v)) detach<side>(v);
+    }
+  }
+  place_detached<side>();
+}
+
+template <typename Capacity>
+template <typename FlowSolver<Capacity>::Side side>
+bool FlowSolver<Capacity>::adopt_at_same_level(std::int32_t v) {
+  const std::int32_t level = std::abs(distance(v));
+  if (level == 1) return false;
+  const std::int32_t wanted = signed_level<side>(level - 1);
+  for (std::int32_t a = arcs_begin(v); a < arcs_end(v); ++a) {
+    if (incoming<side>(arc_at(a)) > 0 && distance(arc_at(a).head) == wanted) {
+      parent(v) = a;
+      return true;
+    }
+  }
+  return false;
+}
+
+template <typename Capacity>
+template <typename FlowSolver<Capacity>::Side side>
+void FlowSolver<Capacity>::detach(std::int32_t v) {
+  const std::int32_t below = distance(v) + signed_level<side>(1);
+  for (std::int32_t a = arcs_begin(v); a < arcs_end(v); ++a) {
+    const Arc& arc = arc_at(a);
+    if (distance(arc.head) == below && parent(arc.head) == arc.sister) make_orphan(arc.head);
+  }
+  distance(v) = 0;
+  detached_.push_back(v);
+}
+
+// Breadth-first over the detached nodes, every one starting at the level that the rest of the forest offers it.
+template <typename Capacity>
+template <typename FlowSolver<Capacity>::Side side>
+void FlowSolver<Capacity>::place_detached() {
+  const std::int32_t limit = forest<side>().limit;
+  std::int32_t lowest = limit + 1;
+  for (const std::int32_t v : detached_) {
+    std::int32_t level = limit + 1;
+    for (std::int32_t a = arcs_begin(v); a < arcs_end(v); ++a) {
+      const std::int32_t offered = signed_level<side>(distance(arc_at(a).head)) + 1;
+      if (offered > 1 && offered < level && incoming<side>(arc_at(a)) > 0) {
+        level = offered;
+        parent(v) = a;
+      }
+    }
+    if (level > limit) continue;
+    list_at_level(v, level);
+    lowest = std::min(lowest, level);
+  }
+
+  placed_.clear();
+  std::size_t next = 0;  // first placed node that has not offered its own level yet
+  for (std::int32_t level = lowest; level <= limit; ++level) {
+    std::int32_t& list = orphans_[static_cast<std::size_t>(level)];
+    for (; list != kNone; list = next_orphan_[static_cast<std::size_t>(list)]) {
+      if (distance(list) == 0) place<side>(list, level);
+    }
+    if (level == limit) break;
+    for (const std::size_t end = placed_.size(); next < end; ++next) {
+      const std::int32_t v = placed_[next];
+      for (std::int32_t a = arcs_begin(v); a < arcs_end(v); ++a) {
+        const Arc& arc = arc_at(a);
+        if (distance(arc.head) != 0 || outgoing<side>(arc) == 0) continue;
+        parent(arc.head) = arc.sister;
+        place<side>(arc.head, level + 1);
+      }
     }
   }
 }
 
 template <typename Capacity>
 template <typename FlowSolver<Capacity>::Side side>
-void FlowSolver<Capacity>::adopt(std::int32_t v) {
-  const std::int32_t level = std::abs(distance(v));
-  const std::int32_t begin = arcs_begin(v);
-  const std::int32_t end = arcs_end(v);
-  if (level > 1) {
-    const std::int32_t wanted = signed_level<side>(level - 1);
-    for (std::int32_t a = orphan_at(parent(v)); a < end; ++a) {
-      if (incoming<side>(arc_at(a)) > 0 && distance(arc_at(a).head) == wanted) {
-        parent(v) = a;
-        return;
-      }
-    }
-  }
-
+void FlowSolver<Capacity>::place(std::int32_t v, std::int32_t level) {
   Forest& self = forest<side>();
-  const std::int32_t child_distance = signed_level<side>(level + 1);
-  std::int32_t parent_level = self.limit;
-  std::int32_t parent_arc = kNone;
-  for (std::int32_t a = begin; a < end; ++a) {
-    const Arc& arc = arc_at(a);
-    const std::int32_t other = distance(arc.head);
-    if (other == child_distance && parent(arc.head) == arc.sister) make_orphan(arc.head, arc.sister);
-    const std::int32_t other_level = signed_level<side>(other);
-    if (other_level > 0 && other_level < parent_level && incoming<side>(arc) > 0) {
-      parent_level = other_level;
-      parent_arc = a;
-    }
-  }
-  if (parent_arc == kNone) {
-    distance(v) = 0;
-    return;
-  }
-  distance(v) = signed_level<side>(parent_level + 1);
-  parent(v) = parent_arc;
-  if (parent_level + 1 == self.depth) self.frontier.push_back(v);
-  if (parent_level + 1 > self.depth) self.next.push_back(v);
+  distance(v) = signed_level<side>(level);
+  placed_.push_back(v);
+  if (level == self.depth) self.frontier.push_back(v);
+  if (level > self.depth) self.next.push_back(v);
 }
 
 }  // namespace emseg

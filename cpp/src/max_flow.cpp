@@ -52,6 +52,7 @@ MaxFlowResult solve(const FlowGraph& graph) {
     result.flow += std::min(graph.source[v], graph.sink[v]);  // straight through the node
     solver.excess(v) = static_cast<Capacity>(graph.source[v] - graph.sink[v]);
   }
+  solver.start();
   result.flow += solver.maximise();
   result.sink_side.resize(graph.source.size());
   for (std::size_t v = 0; v < graph.source.size(); ++v) result.sink_side[v] = solver.on_sink_side(v) ? 1 : 0;

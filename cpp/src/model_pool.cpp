@@ -187,7 +187,9 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
   const BlockGrid grid = make_block_grid(points, size, options.block);
   Candidates candidates(points, frame, size, options, pool);
   candidates.tell_apart(0);
-  candidates.add(propose_translations(points, positive, size, options, pool));
+  std::vector<MotionModel> proposals = options.candidates;
+  for (const MotionModel& model : propose_translations(points, positive, size, options, pool)) proposals.push_back(model);
+  candidates.add(std::move(proposals));
   // Two rounds: the first fits are on blocks that coarse velocities chose, the second on those that good models chose.
   for (int round = 0; round < 2; ++round) {
     const Selection selection = candidates.choose(grid);

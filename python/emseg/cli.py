@@ -37,9 +37,18 @@ app = typer.Typer(
 Preset = Annotated[str | None, typer.Option("--preset", help="Published settings; `emseg config --list`.")]
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(emseg.__version__)
+        raise typer.Exit
+
+
 @app.callback()
 def _common(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more of what is done.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
     level = logging.DEBUG if verbose else logging.WARNING
     logging.basicConfig(level=level, format="emseg: %(message)s", stream=sys.stderr, force=True)
@@ -62,7 +71,10 @@ def segment(
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace results that are there.")] = False,
 ) -> None:
-    """Segment recordings into DIR/<name>/; what is done already is skipped."""
+    """Segment recordings into DIR/<name>/.
+
+    What is done already is skipped, so that an interrupted run goes on where it stopped.
+    """
     config = _config(config_file, preset)
     _check_camera(camera)
     if out.exists() and not out.is_dir():
@@ -176,7 +188,10 @@ def config(
     preset: Preset = None,
     listing: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
 ) -> None:
-    """Print the settings, default or of a preset, as YAML with meaning, unit, range and source of each."""
+    """Print the settings as YAML.
+
+    Each with its meaning, unit, range and source: the defaults, or those of a preset.
+    """
     if listing:
         typer.echo("\n".join(Config.presets()))
     else:
@@ -189,7 +204,7 @@ def demo(
         "emseg-demo"
     ),
 ) -> None:
-    """Segment the bundled recordings with the default settings, with pictures and videos."""
+    """Segment the bundled recordings, with videos."""
     from emseg.datasets import bundled
 
     sources = list(bundled().values())
@@ -208,7 +223,7 @@ def render(
         Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
     ] = None,
 ) -> None:
-    """Make the video of a result folder (again), without segmenting."""
+    """Make the video of a result folder (again)."""
     from emseg.batch import render_video
     from emseg.video import VideoError
 
@@ -254,12 +269,6 @@ def _has_video_encoder() -> bool:
     if not found:
         typer.echo("no videos: pip install 'emseg[viz]'", err=True)
     return found
-
-
-@app.command()
-def version() -> None:
-    """Print the version."""
-    typer.echo(emseg.__version__)
 
 
 def main() -> NoReturn:

@@ -1,5 +1,5 @@
-// The triangulation against what defines it, in exact arithmetic: the right number of edges, none crossing
-// another, each with a circle through its ends that holds no pixel.
+// The triangulations, ours and CGAL's, against what defines it, in exact arithmetic: the right number of
+// edges, none crossing another, each with a circle through its ends that holds no pixel.
 #include <doctest/doctest.h>
 
 #include <algorithm>
@@ -14,6 +14,20 @@
 using namespace emseg;
 
 namespace {
+
+using Triangulate = std::vector<PixelEdge> (*)(std::span<const Pixel>);
+
+std::vector<PixelEdge> sorted_edges(Triangulate triangulate, const std::vector<Pixel>& pixels) {
+  std::vector<PixelEdge> edges = triangulate(pixels);
+  std::sort(edges.begin(), edges.end());
+  return edges;
+}
+
+// Both must give exactly these edges.
+void check_edges(const std::vector<Pixel>& pixels, const std::vector<PixelEdge>& expected) {
+  CHECK(sorted_edges(delaunay_edges, pixels) == expected);
+  CHECK(sorted_edges(delaunay_edges_cgal, pixels) == expected);
+}
 
 __extension__ using Wide = __int128;
 
@@ -81,12 +95,11 @@ bool cross(Pixel a, Pixel b, Pixel c, Pixel d) {
 }
 
 // Checks everything that makes a Delaunay triangulation; quadratic, for up to some thousand pixels.
-void check_delaunay(const std::vector<Pixel>& pixels) {
-  const std::vector<PixelEdge> edges = delaunay_edges(pixels);
+void check_delaunay(const std::vector<Pixel>& pixels, Triangulate triangulate) {
+  const std::vector<PixelEdge> edges = sorted_edges(triangulate, pixels);
   const std::size_t n = pixels.size();
   const std::size_t expected = collinear(pixels) ? n - 1 : 3 * n - 3 - hull_size(pixels);
   CHECK(edges.size() == expected);
-  CHECK(std::is_sorted(edges.begin(), edges.end()));
   CHECK(std::adjacent_find(edges.begin(), edges.end()) == edges.end());
   bool ordered = true, empty = true;
   for (const auto& [a, b] : edges) {
@@ -104,6 +117,11 @@ void check_delaunay(const std::vector<Pixel>& pixels) {
     }
   }
   CHECK(planar);
+}
+
+void check_delaunay(const std::vector<Pixel>& pixels) {
+  check_delaunay(pixels, delaunay_edges);
+  check_delaunay(pixels, delaunay_edges_cgal);
 }
 
 std::vector<Pixel> random_pixels(std::size_t count, int width, int height, std::uint32_t seed,
@@ -131,19 +149,17 @@ std::vector<Pixel> full_grid(int width, int height) {
 }  // namespace
 
 TEST_CASE("few pixels") {
-  CHECK(delaunay_edges({}).empty());
-  CHECK(delaunay_edges(std::vector<Pixel>{{3, 4}}).empty());
-  CHECK(delaunay_edges(std::vector<Pixel>{{3, 4}, {0, 9}}) == std::vector<PixelEdge>{{0, 1}});
-  CHECK(delaunay_edges(std::vector<Pixel>{{0, 0}, {1, 0}, {0, 1}}) ==
-        std::vector<PixelEdge>{{0, 1}, {0, 2}, {1, 2}});
+  check_edges({}, {});
+  check_edges({{3, 4}}, {});
+  check_edges({{3, 4}, {0, 9}}, {{0, 1}});
+  check_edges({{0, 0}, {1, 0}, {0, 1}}, {{0, 1}, {0, 2}, {1, 2}});
 }
 
 TEST_CASE("collinear pixels give the path along their line, in whatever order they come") {
-  CHECK(delaunay_edges(std::vector<Pixel>{{4, 0}, {0, 0}, {9, 0}, {2, 0}}) ==
-        std::vector<PixelEdge>{{0, 2}, {0, 3}, {1, 3}});
-  CHECK(delaunay_edges(std::vector<Pixel>{{3, 8}, {3, 1}, {3, 2}}) == std::vector<PixelEdge>{{0, 2}, {1, 2}});
-  CHECK(delaunay_edges(std::vector<Pixel>{{0, 30}, {10, 20}, {30, 0}}) ==
-        std::vector<PixelEdge>{{0, 1}, {1, 2}});
+  check_edges({{4, 0}, {0, 0}, {9, 0}, {2, 0}}, {{0, 2}, {0, 3}, {1, 3}});
+  check_edges({{3, 8}, {3, 1}, {3, 2}}, {{0, 2}, {1, 2}});
+  check_edges({{0, 30}, {10, 20}, {30, 0}}, {{0, 1}, {1, 2}});
+  check_edges({{0, 0}, {10, 20}, {30, 60}, {5, 10}}, {{0, 3}, {1, 2}, {1, 3}});
 }
 
 TEST_CASE("small sets of every density") {
@@ -151,6 +167,21 @@ TEST_CASE("small sets of every density") {
     CAPTURE(seed);
     const int side = 3 + static_cast<int>(seed % 10);
     check_delaunay(random_pixels(3 + seed % static_cast<std::uint32_t>(side * side - 3), side, side, seed));
+  }
+}
+
+TEST_CASE("every set of pixels on a small grid") {
+  for (const auto& [width, height] : {std::pair{4, 3}, {2, 6}, {3, 4}, {6, 2}}) {
+    const std::vector<Pixel> grid = full_grid(width, height);
+    for (std::uint32_t members = 1; members < (1u << grid.size()); ++members) {
+      std::vector<Pixel> pixels;
+      for (std::size_t k = 0; k < grid.size(); ++k) {
+        if ((members >> k & 1) != 0) pixels.push_back(grid[k]);
+      }
+      if (pixels.size() < 2) continue;
+      CAPTURE(members);
+      check_delaunay(pixels);
+    }
   }
 }
 
@@ -221,12 +252,23 @@ TEST_CASE("a full sensor: every cell has its four sides and one diagonal") {
 TEST_CASE("the same pixels give the same edges") {
   const std::vector<Pixel> pixels = random_pixels(500, 30, 30, 6);
   CHECK(delaunay_edges(pixels) == delaunay_edges(pixels));
+  CHECK(delaunay_edges_cgal(pixels) == delaunay_edges_cgal(pixels));
+}
+
+TEST_CASE("ours equals CGAL's where no four neighbours are cocircular") {
+  const std::vector<Pixel> pixels = random_pixels(20000, 65536, 65536, 8);
+  const std::vector<PixelEdge> ours = sorted_edges(delaunay_edges, pixels);
+  const std::vector<PixelEdge> theirs = sorted_edges(delaunay_edges_cgal, pixels);
+  CHECK(ours == theirs);
 }
 
 TEST_CASE("pixels that coincide or lie too far apart are refused by name") {
-  const auto complaint = [](const std::vector<Pixel>& pixels) -> std::string {
+  Triangulate triangulate = nullptr;
+  SUBCASE("ours") { triangulate = delaunay_edges; }
+  SUBCASE("CGAL's") { triangulate = delaunay_edges_cgal; }
+  const auto complaint = [&](const std::vector<Pixel>& pixels) -> std::string {
     try {
-      delaunay_edges(pixels);
+      triangulate(pixels);
     } catch (const std::invalid_argument& error) {
       return error.what();
     }

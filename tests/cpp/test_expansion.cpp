@@ -104,6 +104,7 @@ MoveOutcome check_move(const OwnedProblem<Cost>& problem, const std::vector<std:
   std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
   for (const std::int32_t label : labels) ++used[static_cast<std::size_t>(label)];
   const std::int64_t before = plain_energy(problem, labels);
+  move.begin(problem.view());
   const std::int64_t gain = move.find(problem.view(), labels, used, alpha);
 
   std::vector<std::int32_t> moved = labels;

@@ -6,6 +6,7 @@ import csv
 import errno
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -285,6 +286,53 @@ def test_interruption_leaves_nothing_half(tmp_path: Path, number: signal.Signals
     assert "Traceback" not in output
     assert process.returncode == 128 + number
     assert list(out.iterdir()) == []
+
+
+def test_version_and_help() -> None:
+    assert emseg_("--version").output == f"{emseg.__version__}\n"
+    assert "segment" in emseg_("--help").output
+
+
+def test_file_size_limit_is_a_full_disk(tmp_path: Path) -> None:
+    """The system's own error, from a limit that is met in the midst of a file."""
+    source = recording(tmp_path / "a.npz")
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)); "
+        "from emseg import batch, cli; batch.SEGMENTER = 'fake_segmenter:FakeSegmenter'; cli.main()"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, "segment", str(source), "--out", str(tmp_path / "out")],
+        env=os.environ | {"PYTHONPATH": f"{PYTHON}{os.pathsep}{HERE}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 1
+    assert "no space left to write" in told.stderr
+    assert "Traceback" not in told.stderr
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_progress_on_a_terminal(tmp_path: Path) -> None:
+    """A bar that counts events, and only there."""
+    source = recording(tmp_path / "a.npz")
+    code = "from emseg import batch, cli; batch.SEGMENTER = 'fake_segmenter:FakeSegmenter'; cli.main()"
+    command = [sys.executable, "-c", code, "segment", str(source), "--out", str(tmp_path / "out")]
+    environment = os.environ | {"PYTHONPATH": f"{PYTHON}{os.pathsep}{HERE}", "TERM": "xterm"}
+    terminal, other_end = pty.openpty()
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=other_end)
+    os.close(other_end)
+    output, _ = process.communicate(timeout=30)
+    shown = os.read(terminal, 65536).decode()
+    os.close(terminal)
+    assert process.returncode == 0
+    assert "a.npz" in shown
+    assert "1.20k" in shown
+    assert output.decode().startswith("done: ")
+    plain = subprocess.run(
+        [*command, "--overwrite"], env=environment, capture_output=True, text=True, check=True
+    )
+    assert plain.stderr == ""
 
 
 def test_info(tmp_path: Path) -> None:

@@ -32,11 +32,15 @@ struct Pixel {
 // An undirected edge between two pixels, by their positions in the array of pixels; first < second.
 using PixelEdge = std::pair<std::int32_t, std::int32_t>;
 
-// Edges of a Delaunay triangulation of distinct integer pixels, sorted.  All decisions are exact for any
-// coordinates that differ by at most 65535.  Cocircular pixels are triangulated one way or another, the same
-// way for the same pixels; collinear pixels give the path along their line; fewer than two pixels give none.
-// Throws std::invalid_argument where two pixels coincide or lie further apart than that.
+// Edges of a Delaunay triangulation of distinct integer pixels, each once, in no particular order.  All
+// decisions are exact for any coordinates that differ by at most 65535.  Cocircular pixels are triangulated
+// one way or another, the same way for the same pixels; collinear pixels give the path along their line;
+// fewer than two pixels give none. Throws std::invalid_argument where two pixels coincide or lie further
+// apart than that.
 std::vector<PixelEdge> delaunay_edges(std::span<const Pixel> pixels);
+
+// The same by CGAL, several times slower: the oracle.  Cocircular pixels may be triangulated differently.
+std::vector<PixelEdge> delaunay_edges_cgal(std::span<const Pixel> pixels);
 
 // Builds the graph: active pixels are triangulated; each event is joined to its predecessor and successor at
 // its own pixel and, for every Delaunay neighbour of that pixel, to the last event before it and the first

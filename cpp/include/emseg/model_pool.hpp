@@ -21,6 +21,7 @@ struct PoolOptions {
   int block = 8;                // side of the blocks that models are chosen over, px
   double same_motion = 1.0;     // models closer than this, px root mean square over the events, count as one
   std::size_t max_candidates = 32;
+  std::vector<MotionModel> candidates;  // further ones, such as the last window's models
 };
 
 // Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it each way),

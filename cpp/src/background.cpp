@@ -1,0 +1,103 @@
+#include "emseg/background.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace emseg {
+
+std::vector<LabelExtent> label_extents(const PointView& points, std::span<const std::int32_t> labels,
+                                       std::int32_t label_count, ImageSize size) {
+  constexpr int tile = 16;
+  constexpr int enough = 3;
+  const int columns = (size.width + tile - 1) / tile;
+  const int rows = (size.height + tile - 1) / tile;
+  const auto count = static_cast<std::size_t>(label_count);
+  std::vector<std::int32_t> events(static_cast<std::size_t>(columns * rows) * count, 0);
+  for (std::size_t k = 0; k < labels.size(); ++k) {
+    if (labels[k] < 0) continue;
+    const int column = std::clamp(static_cast<int>(points.x[k]) / tile, 0, columns - 1);
+    const int row = std::clamp(static_cast<int>(points.y[k]) / tile, 0, rows - 1);
+    ++events[static_cast<std::size_t>(row * columns + column) * count + static_cast<std::size_t>(labels[k])];
+  }
+  struct Moments {
+    double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  };
+  std::vector<Moments> moments(count);
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      const auto first = events.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(row * columns + column) * count);
+      const auto most = std::max_element(first, first + label_count);
+      if (label_count == 0 || *most < enough) continue;
+      Moments& m = moments[static_cast<std::size_t>(most - first)];
+      m.n += 1;
+      m.x += column;
+      m.y += row;
+      m.xx += column * column;
+      m.xy += column * row;
+      m.yy += row * row;
+    }
+  }
+  std::vector<LabelExtent> extents(count);
+  for (std::size_t l = 0; l < count; ++l) {
+    const Moments& m = moments[l];
+    extents[l].tiles = static_cast<int>(m.n);
+    if (m.n == 0) continue;
+    // 1/12: the variance of a tile within itself, so that a single tile has its own size.
+    const double xx = m.xx / m.n - (m.x / m.n) * (m.x / m.n) + 1.0 / 12;
+    const double yy = m.yy / m.n - (m.y / m.n) * (m.y / m.n) + 1.0 / 12;
+    const double xy = m.xy / m.n - (m.x / m.n) * (m.y / m.n);
+    extents[l].spread = std::sqrt(std::max(0.0, xx * yy - xy * xy)) * 12 / (columns * rows);
+  }
+  return extents;
+}
+
+std::int32_t background_label(std::span<const LabelExtent> extents) {
+  // A background is cut up by the objects before it, but what is left of it still lies all around; an object, or
+  // two of one motion, fills a small part of the view.
+  constexpr double spans_scene = 0.15;
+  std::int32_t best = -1;
+  int tiles = 0;
+  for (std::size_t l = 0; l < extents.size(); ++l) {
+    if (extents[l].spread >= spans_scene && extents[l].tiles > tiles) {
+      tiles = extents[l].tiles;
+      best = static_cast<std::int32_t>(l);
+    }
+  }
+  return best;
+}
+
+std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<const std::int32_t> labels,
+                                             std::span<const MotionModel> models, const WarpFrame& frame,
+                                             ImageSize size, int company) {
+  std::vector<std::uint8_t> lonely(points.size(), 0);
+  std::vector<std::int32_t> pixel(points.size());  // of the warped event in a padded image, -1 outside
+  const int stride = size.width + 2;
+  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) * static_cast<std::size_t>(size.height + 2));
+  for (std::size_t l = 0; l < models.size(); ++l) {
+    std::fill(votes.begin(), votes.end(), 0);
+    std::visit(
+        [&](const auto& m) {
+          const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
+          for (std::size_t k = 0; k < points.size(); ++k) {
+            if (labels[k] != static_cast<std::int32_t>(l)) continue;
+            const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
+            const bool inside = at.x >= -0.5f && at.y >= -0.5f && at.x < static_cast<float>(size.width) - 0.5f &&
+                                at.y < static_cast<float>(size.height) - 0.5f;
+            pixel[k] = inside ? (static_cast<int>(at.y + 0.5f) + 1) * stride + static_cast<int>(at.x + 0.5f) + 1 : -1;
+            if (inside) ++votes[static_cast<std::size_t>(pixel[k])];
+          }
+        },
+        models[l]);
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      if (labels[k] != static_cast<std::int32_t>(l) || pixel[k] < 0) continue;
+      int near = -1;  // not itself
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dx = -1; dx <= 1; ++dx) near += votes[static_cast<std::size_t>(pixel[k] + dy * stride + dx)];
+      }
+      lonely[k] = near < company;
+    }
+  }
+  return lonely;
+}
+
+}  // namespace emseg

@@ -1,0 +1,105 @@
+// Delaunay triangulation of integer pixels, by CGAL.
+#include <CGAL/Delaunay_triangulation_2.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Simple_cartesian.h>
+#include <CGAL/Triangulation_vertex_base_with_info_2.h>
+
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "emseg/event_graph.hpp"
+
+namespace emseg {
+namespace {
+
+constexpr std::int64_t max_extent = 65535;  // px; the coordinates of events are 16 bit
+
+struct Box {
+  int min_x = std::numeric_limits<int>::max(), max_x = std::numeric_limits<int>::min();
+  int min_y = std::numeric_limits<int>::max(), max_y = std::numeric_limits<int>::min();
+
+  std::int64_t width() const { return std::int64_t{max_x} - min_x; }
+  std::int64_t height() const { return std::int64_t{max_y} - min_y; }
+};
+
+Box bounding_box(std::span<const Pixel> pixels) {
+  Box box;
+  for (const Pixel& pixel : pixels) {
+    box.min_x = std::min(box.min_x, pixel.x);
+    box.max_x = std::max(box.max_x, pixel.x);
+    box.min_y = std::min(box.min_y, pixel.y);
+    box.max_y = std::max(box.max_y, pixel.y);
+  }
+  return box;
+}
+
+// Whether plain doubles decide exactly.  CGAL's in-circle predicate compares two products cross * dot of
+// coordinate differences, where |cross| <= w h (twice a triangle in a box of w by h) and |dot| <= w^2 + h^2;
+// all intermediates are integers, so they are exact while the product stays within 2^53.  That holds for
+// every box up to 8192 x 8192; orientations need less.
+bool doubles_are_exact(const Box& box) {
+  const double w = static_cast<double>(box.width());
+  const double h = static_cast<double>(box.height());
+  return w * h * (w * w + h * h) <= 0x1p53;
+}
+
+[[noreturn]] void throw_duplicate(std::span<const Pixel> pixels) {
+  std::vector<std::pair<int, int>> sorted;
+  sorted.reserve(pixels.size());
+  for (const Pixel& pixel : pixels) sorted.emplace_back(pixel.x, pixel.y);
+  std::sort(sorted.begin(), sorted.end());
+  const auto twin = std::adjacent_find(sorted.begin(), sorted.end());
+  throw std::invalid_argument("pixel (" + std::to_string(twin->first) + ", " + std::to_string(twin->second) +
+                              ") appears twice, expected distinct pixels");
+}
+
+template <typename Kernel>
+std::vector<PixelEdge> triangulate(std::span<const Pixel> pixels, const Box& box) {
+  using Vertex = CGAL::Triangulation_vertex_base_with_info_2<std::int32_t, Kernel>;
+  using Triangulation = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<Vertex>>;
+  using Point = typename Triangulation::Point;
+
+  // Relative to the corner of the box, since the bound above holds for differences only.
+  std::vector<std::pair<Point, std::int32_t>> points;
+  points.reserve(pixels.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    points.emplace_back(Point(pixels[i].x - box.min_x, pixels[i].y - box.min_y),
+                        static_cast<std::int32_t>(i));
+  }
+  // CGAL's own spatially sorted insertion; raster order took 1.3 to 3 times as long on event windows.
+  Triangulation triangulation;
+  triangulation.insert(points.begin(), points.end());
+  if (triangulation.number_of_vertices() != pixels.size()) throw_duplicate(pixels);
+
+  std::vector<PixelEdge> edges;
+  edges.reserve(3 * pixels.size());
+  for (auto edge = triangulation.finite_edges_begin(); edge != triangulation.finite_edges_end(); ++edge) {
+    const auto [face, opposite] = *edge;
+    const std::int32_t a = face->vertex(triangulation.ccw(opposite))->info();
+    const std::int32_t b = face->vertex(triangulation.cw(opposite))->info();
+    edges.emplace_back(std::min(a, b), std::max(a, b));
+  }
+  return edges;
+}
+
+}  // namespace
+
+std::vector<PixelEdge> delaunay_edges_cgal(std::span<const Pixel> pixels) {
+  if (pixels.size() < 2) return {};
+  if (pixels.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
+    throw std::invalid_argument(std::to_string(pixels.size()) + " pixels, expected fewer than 2^31");
+  }
+  const Box box = bounding_box(pixels);
+  if (box.width() > max_extent || box.height() > max_extent) {
+    throw std::invalid_argument("pixels span " + std::to_string(box.width()) + " x " +
+                                std::to_string(box.height()) + " px, expected at most " +
+                                std::to_string(max_extent) + " each way");
+  }
+  return doubles_are_exact(box)
+             ? triangulate<CGAL::Simple_cartesian<double>>(pixels, box)
+             : triangulate<CGAL::Exact_predicates_inexact_constructions_kernel>(pixels, box);
+}
+
+}  // namespace emseg
