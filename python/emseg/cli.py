@@ -1,0 +1,280 @@
+"""The command line: `emseg segment`, `info`, `config`, `demo`, `render`.
+
+Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Final, NoReturn
+
+import typer
+from tqdm import tqdm
+
+import emseg
+from emseg.config import Config
+from emseg.yaml_files import ConfigError
+
+__all__ = ["app", "main"]
+
+DONE: Final = 0
+SOME_FAILED: Final = 1
+INTERRUPTED: Final = 130
+
+app = typer.Typer(
+    name="emseg",
+    help="Motion segmentation with event cameras.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Preset = Annotated[str | None, typer.Option("--preset", help="Published settings; `emseg config --list`.")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(emseg.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more of what is done.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    level = logging.DEBUG if verbose else logging.WARNING
+    logging.basicConfig(level=level, format="emseg: %(message)s", stream=sys.stderr, force=True)
+    for noisy in ("matplotlib", "PIL"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+
+
+@app.command()
+def segment(
+    inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings, or folders of them.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")],
+    config_file: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="Settings, YAML.")
+    ] = None,
+    preset: Preset = None,
+    camera: Annotated[
+        Path | None, typer.Option("--camera", metavar="FILE", help="Calibration, YAML or text.")
+    ] = None,
+    video: Annotated[bool, typer.Option("--video", help="Write segmentation.mp4 too.")] = False,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace results that are there.")] = False,
+) -> None:
+    """Segment recordings into DIR/<name>/.
+
+    What is done already is skipped, so that an interrupted run goes on where it stopped.
+    """
+    config = _config(config_file, preset)
+    _check_camera(camera)
+    if out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"{out} is a file, expected a folder", param_hint="--out")
+    from emseg.batch import find_inputs
+
+    sources = list(dict.fromkeys(find_inputs(inputs)))
+    if not sources:
+        listed = ", ".join(str(path) for path in inputs)
+        raise typer.BadParameter(f"no recordings in {listed}", param_hint="IN...")
+    raise typer.Exit(_segment_all(sources, out, config, camera, video, jobs, overwrite))
+
+
+def _segment_all(
+    sources: list[Path],
+    out: Path,
+    config: Config,
+    camera: Path | None,
+    video: bool,
+    processes: int,
+    overwrite: bool,
+) -> int:
+    from emseg import batch
+
+    todo = [
+        batch.Job(
+            source,
+            out / name,
+            config,
+            camera=camera,
+            video="yes" if video else "no",
+            existing="replace" if overwrite else "keep",
+            segmenter=batch.SEGMENTER,
+        )
+        for source, name in zip(sources, batch.name_inputs(sources), strict=True)
+    ]
+    failed = 0
+    bar = _Bar()
+    try:
+        for outcome in batch.run_jobs(todo, processes=processes, progress=bar.update):
+            bar.clear()
+            failed += outcome.status == "failed"
+            typer.echo(f"{outcome.status}: {outcome.message}", err=outcome.status == "failed")
+    except KeyboardInterrupt:
+        bar.clear()
+        typer.echo("interrupted; finished results stay, no half ones are left", err=True)
+        return INTERRUPTED
+    if failed:
+        typer.echo(f"{failed} of {len(todo)} failed", err=True)
+    return SOME_FAILED if failed else DONE
+
+
+class _Bar:
+    """A progress bar over a recording's events, on a terminal; nothing elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._source: Path | None = None
+
+    def update(self, job: Any, done: int, of: int) -> None:
+        """Show that `done` of a job's `of` events are done."""
+        if not sys.stderr.isatty():
+            return
+        if self._source != job.source:
+            self.clear()
+            self._source = job.source
+            self._bar = tqdm(total=of, desc=job.source.name, unit=" events", unit_scale=True, leave=False)
+        self._bar.update(done - self._bar.n)
+
+    def clear(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+        self._bar = self._source = None
+
+
+@app.command()
+def info(inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings.")]) -> None:
+    """Say what recordings hold."""
+    from emseg.io import ReadError, find_reader, read
+
+    failed = 0
+    for path in inputs:
+        try:
+            name = find_reader(path).name
+            events = read(path)
+        except ReadError as error:
+            failed += 1
+            typer.echo(f"failed: {error}", err=True)
+            continue
+        seconds = events.duration / 1e6
+        lines = {
+            "format": name,
+            "sensor": f"{events.width}x{events.height}",
+            "events": f"{len(events):,}",
+        }
+        if len(events):
+            lines |= {
+                "first": f"{events.t[0]} µs",
+                "last": f"{events.t[-1]} µs",
+                "duration": f"{seconds:.6f} s",
+                "rate": f"{len(events) / seconds / 1e6:.3f} Mev/s" if seconds else "-",
+                "rises": f"{100 * float(events.p.mean()):.1f} %",
+            }
+        typer.echo("\n".join([str(path), *(f"  {key:9} {value}" for key, value in lines.items())]))
+    raise typer.Exit(SOME_FAILED if failed else DONE)
+
+
+@app.command()
+def config(
+    preset: Preset = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
+) -> None:
+    """Print the settings as YAML.
+
+    Each with its meaning, unit, range and source: the defaults, or those of a preset.
+    """
+    if listing:
+        typer.echo("\n".join(Config.presets()))
+    else:
+        typer.echo(_config(None, preset).to_yaml(), nl=False)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")] = Path(
+        "emseg-demo"
+    ),
+) -> None:
+    """Segment the bundled recordings, with videos."""
+    from emseg.datasets import bundled
+
+    sources = list(bundled().values())
+    status = _segment_all(sources, out, Config(), None, _has_video_encoder(), 1, False)
+    if status == DONE:
+        typer.echo("look at:")
+        for path in sorted([*out.glob("*/*.png"), *out.glob("*/*.mp4")]):
+            typer.echo(f"  {path}")
+    raise typer.Exit(status)
+
+
+@app.command()
+def render(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A folder that `emseg segment` wrote.")],
+    source: Annotated[
+        Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
+    ] = None,
+) -> None:
+    """Make the video of a result folder (again)."""
+    from emseg.batch import render_video
+    from emseg.video import VideoError
+
+    try:
+        target = render_video(result, source)
+    except (ValueError, VideoError, OSError) as error:
+        typer.echo(f"failed: {error}", err=True)
+        raise typer.Exit(SOME_FAILED) from None
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
+    typer.echo(f"done: {target}")
+
+
+def _config(path: Path | None, preset: str | None) -> Config:
+    if path is not None and preset is not None:
+        raise typer.BadParameter("expected --config or --preset, not both")
+    try:
+        if preset is not None:
+            return Config.preset(preset)
+        return Config.from_yaml(path) if path is not None else Config()
+    except ConfigError as error:
+        raise typer.BadParameter(str(error), param_hint="--preset" if preset else "--config") from None
+
+
+def _check_camera(path: Path | None) -> None:
+    """Refuse a calibration that no recording could go with."""
+    if path is None:
+        return
+    from emseg.camera import Camera
+
+    try:
+        Camera.from_file(path)
+    except (ValueError, OSError) as error:
+        try:  # it may lack nothing but the sensor's size, which the recordings will tell
+            Camera.from_file(path, width=1, height=1)
+        except (ValueError, OSError):
+            problem = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+            raise typer.BadParameter(problem, param_hint="--camera") from None
+
+
+def _has_video_encoder() -> bool:
+    found = any(importlib.util.find_spec(name) for name in ("imageio_ffmpeg", "cv2"))
+    if not found:
+        typer.echo("no videos: pip install 'emseg[viz]'", err=True)
+    return found
+
+
+def main() -> NoReturn:
+    """The entry point of the `emseg` command."""
+    from emseg.batch import exit_on_signal
+
+    signal.signal(signal.SIGTERM, exit_on_signal)
+    app()
+    raise AssertionError("typer exits by itself")

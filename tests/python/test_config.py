@@ -1,0 +1,203 @@
+"""Config: frozen, typed, refuses what it does not know, and survives YAML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from emseg.config import Config, ConfigError, explain
+
+
+def test_defaults() -> None:
+    assert Config.auto() == Config()
+    assert Config() == Config.from_mapping({})
+    with pytest.raises(ValidationError, match="frozen"):
+        Config().sigma = 2.0  # type: ignore[misc]
+    assert hash(Config()) == hash(Config())
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("sigma", 0.0, "greater than or equal to 0.1"),
+        ("sigma", float("nan"), "finite"),
+        ("sigma", "1.0", "valid number"),
+        ("lambda_smooth", -1.0, "greater than or equal to 0"),
+        ("lambda_data", 0.0, "greater than 0"),
+        ("num_events_per_image", 5, "greater than or equal to 10"),
+        ("num_events_per_image", 20.5, "valid integer"),
+        ("bracket_row", True, "valid integer"),
+        ("data_term", "log", "'logarithmic' or 'published'"),
+        ("hybrid_model_combination", 7, "expected 0..6 or a name"),
+        ("hybrid_model_combination", "5d", "'2d', '3d'"),
+        ("threads", -1, "greater than or equal to 0"),
+    ],
+)
+def test_bad_values_are_named(key: str, value: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        Config.from_mapping({key: value}, origin="my.yaml")
+    assert str(caught.value).startswith(f"my.yaml: {key}: ")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ValidationError, match=key):
+        Config(**{key: value})
+
+
+def test_two_window_rules_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"num_events_per_image is 100 and window_duration is 0\.1"):
+        Config.from_mapping({"num_events_per_image": 100, "window_duration": 0.1})
+
+
+@pytest.mark.parametrize(("key", "near"), [("lambda_smoth", "lambda_smooth"), ("BracketRows", "BracketRow")])
+def test_unknown_keys_name_the_nearest(key: str, near: str, tmp_path: Path) -> None:
+    path = tmp_path / "my.yaml"
+    path.write_text(f"{key}: 3\n")
+    with pytest.raises(ConfigError, match=rf"my\.yaml: {key}: unknown key, did you mean '{near}'\?"):
+        Config.from_yaml(path)
+    with pytest.raises(ValidationError, match="unknown key"):
+        Config(**{key: 3})
+
+
+def test_numpy_scalars_and_whole_floats() -> None:
+    config = Config(num_events_per_image=np.int64(100), sigma=np.float32(2), lambda_smooth=3)
+    assert (config.num_events_per_image, config.sigma, config.lambda_smooth) == (100, 2.0, 3.0)
+
+
+PUBLISHED_FILE = """%YAML:1.0
+---
+num_events_per_image: 20000
+LAMBDA_data: 1
+LAMBDA_smooth: 40.
+LAMBDA_label: 8.0000000000000000e+03
+BracketRow: 7
+BracketCol: 7
+Affine_trans2d_max: 3e4
+Affine_scale_max: 0.5
+Affine_theta_max: 1.5
+NUM_ITER_SEGMENTATION: 5
+NUM_ITER_LABELING: 2
+HybridModelCombination: 2
+division_exponent: 7
+"""
+
+
+def test_published_files_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "fast_drone.yaml"
+    path.write_text(PUBLISHED_FILE)
+    config = Config.from_yaml(path)
+    changes = {"data_term": "published", "noise_label": "off"}
+    assert config.model_copy(update=changes) == Config.preset("eed/fast_drone")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("LAMBDA_smooth: 3\nlambda_smooth: 4\n", "lambda_smooth: is given twice"),
+        ("sigma: 1\nsigma: 2\n", "line 2: sigma is given twice"),
+        ("sigma: [1\n", "line 2: no valid YAML"),
+        ("sigma: {a: 1}\n", "sigma: Input should be a valid number"),
+        ("- 1\n", "holds a list, expected lines 'key: value'"),
+        ("3: 1\n", "3: unknown key"),
+        ("sigma: 1\nx: !!python/object:os.system {}\n", "line 2: no valid YAML"),
+    ],
+)
+def test_bad_yaml(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "my.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        Config.from_yaml(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_and_unreadable_files(tmp_path: Path) -> None:
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    for name, message in (("none.yaml", "no such file"), (".", "cannot be opened"), ("binary.yaml", "text")):
+        with pytest.raises(ConfigError, match=message):
+            Config.from_yaml(tmp_path / name)
+    (tmp_path / "empty.yaml").touch()
+    assert Config.from_yaml(tmp_path / "empty.yaml") == Config()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "num_events_per_image": st.none() | st.integers(10, 10**6),
+            "lambda_data": st.floats(1e-6, 1e6),
+            "lambda_label": st.none() | st.floats(0, 1e12),
+            "affine_trans2d_max": st.floats(1e-3, 1e6),
+            "data_term": st.sampled_from(["logarithmic", "published"]),
+            "hybrid_model_combination": st.sampled_from(["2d", "all", "auto", 0, 4, 6]),
+            "seed": st.integers(0, 2**63 - 1),
+        },
+    )
+)
+def test_yaml_round_trip(tmp_path_factory: pytest.TempPathFactory, values: dict[str, Any]) -> None:
+    config = Config(**values)
+    path = tmp_path_factory.mktemp("yaml") / "config.yaml"
+    text = config.to_yaml(path)
+    assert path.read_text(encoding="utf-8") == text
+    assert Config.from_yaml(path) == config
+
+
+# engine.md's table: num_events, smooth, label, bracket, trans2d_max, data
+PUBLISHED_TABLE = {
+    "eed/fast_drone": (20_000, 40, 8000, 7, 30_000, 1),
+    "eed/light_variations": (30_000, 30, 8000, 7, 5000, 1),
+    "eed/occlusions": (20_000, 30, 4000, 6, 5000, 1),
+    "eed/what_is_background": (30_000, 40, 8000, 6, 10_000, 1),
+    "distsurf/car": (15_000, 30, 8000, 6, 5000, 1),
+    "distsurf/hand": (15_000, 30, 8000, 6, 5000, 1),
+    "evimo/box00": (15_000, 30, 8000, 6, 5000, 1),
+    "evimo/table01": (30_000, 25, 8000, 8, 5000, 1),
+    "hkust/cast": (15_000, 43, 8000, 8, 20_000, 1),
+    "hkust/corridor": (30_000, 40, 10_000, 6, 20_000, 1),
+    "thesis/hands": (15_000, 30, 8000, 8, 5000, 1),
+    "thesis/fast_drone": (20_000, 40, 8000, 8, 5000, 1),
+    "thesis/evimo": (30_000, 25, 8000, 8, 5000, 1),
+    "thesis/slow_cam": (25_000, 25, 8000, 6, 5000, 2),
+    "thesis/fast_cam": (30_000, 22, 10_000, 7, 5000, 2),
+    "published": (None, 30, 8000, 6, 5000, 1),
+}
+
+
+def test_every_preset_is_as_published() -> None:
+    assert set(Config.presets()) == set(PUBLISHED_TABLE)
+    for name, (events, smooth, label, bracket, translation, data) in PUBLISHED_TABLE.items():
+        config = Config.preset(name)
+        assert config.num_events_per_image == events
+        assert (config.lambda_smooth, config.lambda_label) == (smooth, label)
+        assert config.bracket_row == config.bracket_col == bracket
+        assert (config.affine_trans2d_max, config.lambda_data) == (translation, data)
+        assert config.affine_scale_max == (0.8 if name == "distsurf/hand" else 0.5)
+        assert (config.affine_theta_max, config.division_exponent) == (1.5, 7)
+        assert (config.num_iter_segmentation, config.num_iter_labeling) == (5, 2)
+        assert (config.hybrid_model_combination, config.data_term) == ("4d", "published")
+
+
+def test_unknown_preset() -> None:
+    with pytest.raises(ConfigError, match="unknown preset 'eed/fast', did you mean 'eed/fast_drone'"):
+        Config.preset("eed/fast")
+
+
+def test_every_field_is_explained() -> None:
+    for name, field in Config.model_fields.items():
+        assert field.description
+        assert "None" not in explain(name)
+    assert explain("sigma").endswith("[px, ≥ 0.1 ≤ 10; arXiv 2012.08730]")
+    assert "events, ≥ 10" in explain("num_events_per_image")
+    assert "logarithmic | published" in explain("data_term")
+
+
+def test_fingerprint_ignores_only_threads() -> None:
+    assert Config(threads=3).fingerprint() == Config().fingerprint()
+    changes: dict[str, Any] = {"sigma": 2.0, "seed": 1, "noise_label": "off", "window_duration": 0.1}
+    prints = {Config(**{key: value}).fingerprint() for key, value in changes.items()}
+    assert len(prints | {Config().fingerprint()}) == len(changes) + 1
