@@ -13,18 +13,22 @@
 
 namespace emseg {
 
-// The cut: the source's side keeps its label, the sink's side switches to alpha.  Sites that have alpha already are
-// not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI 2004): with x = 1 for "switches",
+// The cut: the source's side keeps its label, the sink's side switches to alpha.  Sites that have alpha
+// already are not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI 2004): with x = 1 for
+// "switches",
 //   one end has alpha:     w [x_u = 0]                     a cost of keeping u
 //   equal labels:          w [x_u != x_v]                  an edge of capacity w both ways
-//   different labels:      w (1 - x_u x_v)                 a cost of keeping u and an arc v -> u of capacity w
+//   different labels:      w (1 - x_u x_v)                 a cost of keeping u and an arc v -> u of capacity
+//   w
 // A node's excess is its cost of switching minus its cost of keeping.
 //
-// alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless it is to
-// keep everything; it is taken if it gains more than that cost.  The other labels' costs are in LabelHubs.
+// alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless
+// it is to keep everything; it is taken if it gains more than that cost.  The other labels' costs are in
+// LabelHubs.
 //
-// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it is as
-// good a beginning as none, and where little has changed it leaves little to do, often not even a graph to build.
+// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it
+// is as good a beginning as none, and where little has changed it leaves little to do, often not even a graph
+// to build.
 //
 // Capacity must hold the range of the data costs plus twice the weights at any one site (see FlowSolver).
 template <typename Capacity>
@@ -34,7 +38,8 @@ class ExpansionMove {
   template <typename Cost>
   void begin(const BasicLabelingProblem<Cost>& problem);
 
-  // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every label.
+  // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every
+  // label.
   template <typename Cost>
   std::int64_t find(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
                     std::span<const std::int32_t> used, std::int32_t alpha);
@@ -57,7 +62,8 @@ class ExpansionMove {
 
   static constexpr std::int32_t kHasAlpha = -1;
   static constexpr std::int32_t kNoArc = -1;
-  static constexpr std::size_t kFlowMemory = std::size_t{32} << 20;  // bytes; labels beyond start from no flow
+  static constexpr std::size_t kFlowMemory = std::size_t{32}
+                                             << 20;  // bytes; labels beyond start from no flow
 
   // Flow along an edge of the given ends as far as its capacities allow: `weight` each way, or only backward.
   static Capacity clamped(Capacity flow, Capacity weight, bool equal_labels) {
@@ -69,7 +75,7 @@ class ExpansionMove {
   std::vector<std::int32_t> node_of_site_;  // or kHasAlpha
   std::vector<std::int32_t> site_of_node_;
   std::vector<std::int32_t> label_of_node_;
-  std::vector<std::int64_t> hub_cost_;  // per label: its cost if it is in use and not alpha
+  std::vector<std::int64_t> hub_cost_;        // per label: its cost if it is in use and not alpha
   std::vector<std::vector<Capacity>> flows_;  // per label: the last move's flow along every edge
   std::vector<std::int32_t> arc_of_edge_;     // or kNoArc
   std::vector<std::int32_t> switched_;
@@ -166,8 +172,8 @@ void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& pr
   for (std::size_t i = 0; i < problem.site_count(); ++i) {
     const std::int32_t u = node_of_site_[i];
     Capacity from_u = 0;
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
+    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
+         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
       const std::int32_t v = node_of_site_[static_cast<std::size_t>(problem.indices[e])];
       if (u == v) continue;
       const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
@@ -190,28 +196,30 @@ void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& pr
 
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow) {
+void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& problem,
+                                        std::span<const Capacity> flow) {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
   std::fill(arc_of_edge_.begin(), arc_of_edge_.end(), kNoArc);
   solver_.allocate();
   for (std::size_t u = 0; u < site_of_node_.size(); ++u) {
     const auto i = static_cast<std::size_t>(site_of_node_[u]);
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
+    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
+         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
       const std::int32_t v = node_of_site_[static_cast<std::size_t>(problem.indices[e])];
       if (v == kHasAlpha || v == static_cast<std::int32_t>(u)) continue;
       const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
       const bool equal = label_of_node_[u] == label_of_node_[static_cast<std::size_t>(v)];
       const Capacity along = clamped(flow[e], weight, equal);
-      arc_of_edge_[e] = solver_.add_edge(static_cast<std::int32_t>(u), v, (equal ? weight : Capacity{0}) - along,
-                                         weight + along);
+      arc_of_edge_[e] = solver_.add_edge(static_cast<std::int32_t>(u), v,
+                                         (equal ? weight : Capacity{0}) - along, weight + along);
     }
   }
 }
 // An edge's arc starts with weight + flow backward, whatever the labels.
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const {
+void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem,
+                                        std::span<Capacity> flow) const {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
   for (std::size_t e = 0; e < flow.size(); ++e) {
     if (arc_of_edge_[e] == kNoArc) continue;
@@ -227,8 +235,8 @@ std::int64_t ExpansionMove<Capacity>::deficits() const {
   return sum;
 }
 
-// No move gains more than this: edges between sites count nothing, and a label is either switched where that pays, or
-// wiped out at the price of all its sites.
+// No move gains more than this: edges between sites count nothing, and a label is either switched where that
+// pays, or wiped out at the price of all its sites.
 template <typename Capacity>
 std::int64_t ExpansionMove<Capacity>::gain_bound() const {
   std::vector<std::int64_t> excess(hub_cost_.size(), 0);
@@ -241,7 +249,8 @@ std::int64_t ExpansionMove<Capacity>::gain_bound() const {
       excess[static_cast<std::size_t>(label_of_node_[v])] += value;
     }
   }
-  for (std::size_t l = 0; l < hub_cost_.size(); ++l) bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l]);
+  for (std::size_t l = 0; l < hub_cost_.size(); ++l)
+    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l]);
   return bound;
 }
 
