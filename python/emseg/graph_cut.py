@@ -39,13 +39,13 @@ def max_flow(
         sink: (n,) capacities from every node to the sink; or the number of the node that is the sink.
 
     Returns:
-        ``(flow, cut)``. ``cut`` is (n,) bool, True on the sink's side: where the sink can be reached through residual
-        arcs. Integer capacities give an exact ``int``. Float capacities are rounded to multiples of the largest
-        power of two for which they sum to less than 2**51 units, and give a ``float``.
+        ``(flow, cut)``. ``cut`` is (n,) bool, True on the sink's side: where the sink can be reached through
+        residual arcs. Integer capacities give an exact ``int``. Float capacities are rounded to multiples of
+        the smallest power of two of which they sum to less than 2**51 units, and give a ``float``.
 
     Raises:
-        ValueError: shapes that do not fit, nodes out of range, negative, infinite or NaN capacities, sums beyond
-            2**62.
+        ValueError: shapes that do not fit, nodes out of range, negative, infinite or NaN capacities, sums
+            beyond 2**62.
 
     Source: Goldberg et al., "Maximum Flows by Incremental Breadth-First Search", ESA 2011.
     """
@@ -59,7 +59,9 @@ def max_flow(
     m = len(pairs)
     terminal_nodes = [isinstance(terminal, (int, np.integer)) for terminal in (source, sink)]
     if terminal_nodes[0] != terminal_nodes[1]:
-        raise ValueError("source and sink differ in kind, expected two node numbers or two arrays of capacities")
+        raise ValueError(
+            "source and sink differ in kind, expected two node numbers or two arrays of capacities"
+        )
 
     along = _broadcast("capacity", _numbers("capacity", capacity), (m,))
     against = _broadcast("reverse", _numbers("reverse", reverse), (m,))
@@ -71,7 +73,9 @@ def max_flow(
         from_source = _of_shape("source", _numbers("source", source), (n,))
         to_sink = _of_shape("sink", _numbers("sink", sink), (n,))
     total = _total(along) + _total(against) + _total(from_source) + _total(to_sink)
-    if total > _LARGEST_SUM and all(part.dtype.kind == "i" for part in (along, against, from_source, to_sink)):
+    if total > _LARGEST_SUM and all(
+        part.dtype.kind == "i" for part in (along, against, from_source, to_sink)
+    ):
         raise ValueError(f"capacities sum to {total:.3g}, expected at most 2**62")
     parts = (along, against, from_source, to_sink)
     exponent = _exponent(parts, total)
@@ -102,8 +106,8 @@ def expansion(
     """Labels of low energy by alpha-expansion: data costs, Potts costs and label costs.
 
     The energy of labels L is ``sum_k unary[k, L[k]]``, plus ``weight[e]`` for every stored entry e of the
-    compressed rows whose two sites have different labels, plus ``label_cost[l]`` for every label l in use. Every
-    expansion is optimal, label costs included, and the energy never rises.
+    compressed rows whose two sites have different labels, plus ``label_cost[l]`` for every label l in use.
+    Every expansion is optimal, label costs included, and the energy never rises.
 
     Args:
         unary: (n, labels) data costs; may be negative.
@@ -115,20 +119,20 @@ def expansion(
         max_sweeps: sweeps over all labels at most; the search ends as soon as no label brings anything.
 
     Returns:
-        ``(labels, energy)``: (n,) int32, and the energy. With integers all is exact in 64 bits and ``energy`` is an
-        ``int``. If any input is of floats, all costs are rounded to multiples of 2**-k, with the largest k for which
-        the absolute costs of the whole problem sum to less than 2**51 such units; ``energy`` is then a ``float``,
-        the exact energy of the rounded costs.
+        ``(labels, energy)``: (n,) int32, and the energy. With integers all is exact in 64 bits and ``energy``
+        is an ``int``. If any input is of floats, all costs are rounded to multiples of 2**-k, with the
+        largest k for which the absolute costs of the whole problem sum to less than 2**51 such units;
+        ``energy`` is then a ``float``, the exact energy of the rounded costs.
 
     Raises:
-        ValueError: shapes, labels or rows that do not fit; negative weights or label costs; infinite or NaN costs;
-            integer costs whose sums could leave 64 bits.
+        ValueError: shapes, labels or rows that do not fit; negative weights or label costs; infinite or NaN
+            costs; integer costs whose sums could leave 64 bits.
 
     Sources: Boykov, Veksler, Zabih, PAMI 2001; Delong, Osokin, Isack, Boykov, IJCV 2012.
     """
     problem, exponent = _problem(unary, indptr, indices, weight, label_cost)
     initial = np.zeros(0, np.int32) if init is None else _labels("init", init, len(problem[2]) - 1)
-    labels, energy, _ = _core.expansion(*problem, initial, _INT32_MAX if max_sweeps > _INT32_MAX else max_sweeps)
+    labels, energy, _ = _core.expansion(*problem, initial, min(max_sweeps, _INT32_MAX))
     return labels, _in_units(energy, exponent)
 
 
@@ -140,7 +144,7 @@ def labeling_energy(
     label_cost: ArrayLike,
     labels: ArrayLike,
 ) -> int | float:
-    """Energy of (n,) ``labels``; the other arguments, the result's type and the errors are :func:`expansion`'s."""
+    """Energy of (n,) ``labels``; the other arguments, the type and the errors are :func:`expansion`'s."""
     problem, exponent = _problem(unary, indptr, indices, weight, label_cost)
     energy: int = _core.labeling_energy(*problem, _labels("labels", labels, len(problem[2]) - 1))
     return _in_units(energy, exponent)
@@ -149,13 +153,15 @@ def labeling_energy(
 def _problem(
     unary: ArrayLike, indptr: ArrayLike, indices: ArrayLike, weight: ArrayLike, label_cost: ArrayLike
 ) -> tuple[tuple[Any, ...], int | None]:
-    """The arguments that describe a problem to the core, and the exponent of its fixed point, None for integers."""
+    """The core's description of a problem, and the exponent of its fixed point, None for integers."""
     data = _numbers("unary", unary)
     if data.ndim != 2 or data.shape[1] == 0:
         raise ValueError(f"unary has shape {data.shape}, expected (sites, labels) with at least one label")
     rows = _vector("indptr", _integers("indptr", indptr, np.int64))
     if len(rows) != len(data) + 1:
-        raise ValueError(f"indptr has {len(rows)} entries, expected {len(data) + 1}, one more than unary has rows")
+        raise ValueError(
+            f"indptr has {len(rows)} entries, expected {len(data) + 1}, one more than unary has rows"
+        )
     neighbours = _vector("indices", _integers("indices", indices, np.int32))
     weights = _vector("weight", np.atleast_1d(_numbers("weight", weight)))
     costs = _vector("label_cost", np.atleast_1d(_numbers("label_cost", label_cost)))
@@ -219,7 +225,9 @@ def _integers(name: str, values: ArrayLike, dtype: type[np.signedinteger[Any]]) 
         least, most = int(array.min()), int(array.max())
         bounds = np.iinfo(dtype)
         if least < bounds.min or most > bounds.max:
-            raise ValueError(f"{name} holds {least if least < bounds.min else most}, out of {bounds.dtype}'s range")
+            raise ValueError(
+                f"{name} holds {least if least < bounds.min else most}, out of {bounds.dtype}'s range"
+            )
     return np.ascontiguousarray(array, dtype)
 
 
@@ -240,7 +248,7 @@ def _broadcast(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> NDArra
 
 
 def _total(array: NDArray[Any]) -> float:
-    """Sum of absolute values, in floating point: it serves to choose a scale, the core checks integers exactly."""
+    """Sum of absolute values in floating point, to choose a scale; the core checks integers exactly."""
     return float(np.abs(array, dtype=np.float64).sum())
 
 

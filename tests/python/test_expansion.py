@@ -46,7 +46,11 @@ def random_problem(seed: int, n: int, label_count: int, density: float = 0.3) ->
 
 
 problems = st.builds(
-    random_problem, st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4), st.sampled_from([0.2, 0.5, 1.0])
+    random_problem,
+    st.integers(0, 2**32),
+    st.integers(1, 8),
+    st.integers(1, 4),
+    st.sampled_from([0.2, 0.5, 1.0]),
 )
 
 
@@ -79,14 +83,16 @@ def test_energy_never_rises_over_sweeps(problem: Problem) -> None:
 def test_two_labels_reach_the_optimum_of_all_labelings(problem: Problem, seed: int) -> None:
     # With two labels and without label costs one expansion move is the whole problem.
     two = Problem(*random_problem(seed, len(problem.unary), 2)[:4], label_cost=np.zeros(2, int))
-    best = min(plain_energy(two, np.array(choice)) for choice in itertools.product([0, 1], repeat=len(two.unary)))
+    best = min(
+        plain_energy(two, np.array(choice)) for choice in itertools.product([0, 1], repeat=len(two.unary))
+    )
     assert expansion(*two, np.zeros(len(two.unary), int))[1] == best
 
 
 @settings(max_examples=100, deadline=None)
 @given(problems, st.integers(0, 2**32))
 def test_renaming_sites_renames_the_labels(problem: Problem, seed: int) -> None:
-    # Of equally good moves the smallest is taken, so that the result does not depend on the order of the sites.
+    # Of equally good moves the smallest is taken: the order of the sites does not matter.
     n, label_count = problem.unary.shape
     rng = np.random.default_rng(seed)
     name = rng.permutation(n)
@@ -183,7 +189,9 @@ def test_energy_trace_falls_on_a_grid() -> None:
 def test_integers_beyond_32_bits_are_exact(problem: Problem) -> None:
     factor = 10**10 + 7
     labels, energy = expansion(*problem)
-    wide = Problem(problem.unary * factor, *problem[1:3], problem.weight * factor, problem.label_cost * factor)
+    wide = Problem(
+        problem.unary * factor, *problem[1:3], problem.weight * factor, problem.label_cost * factor
+    )
     wide_labels, wide_energy = expansion(*wide)
     assert wide_energy == factor * energy
     np.testing.assert_array_equal(wide_labels, labels)

@@ -12,7 +12,9 @@ from emseg.graph_cut import max_flow
 
 maxflow = pytest.importorskip("maxflow", reason="PyMaxflow is the oracle of the flows")
 
-Graph = tuple[int, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+Graph = tuple[
+    int, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]
+]
 
 
 def peer(graph: Graph, kind: type = int) -> tuple[float, NDArray[np.bool_]]:
@@ -40,7 +42,9 @@ def graphs(draw: st.DrawFn) -> Graph:
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     edges = rng.integers(0, n, (m, 2))
     capacity, reverse = rng.integers(0, top + 1, (2, m)) * rng.integers(0, 2, (2, m))
-    source, sink = rng.integers(0, top + 1, (2, n)) * (rng.random((2, n)) < draw(st.sampled_from([0.1, 0.5, 1])))
+    source, sink = rng.integers(0, top + 1, (2, n)) * (
+        rng.random((2, n)) < draw(st.sampled_from([0.1, 0.5, 1]))
+    )
     return n, edges, capacity, reverse, source, sink
 
 
@@ -120,7 +124,9 @@ def test_terminals_may_be_nodes() -> None:
 def test_terminal_nodes_equal_terminal_arrays(graph: Graph) -> None:
     n, edges, capacity, reverse, source, sink = graph
     node = np.arange(n)
-    more = np.vstack([edges, np.column_stack([np.full(n, n), node]), np.column_stack([node, np.full(n, n + 1)])])
+    more = np.vstack(
+        [edges, np.column_stack([np.full(n, n), node]), np.column_stack([node, np.full(n, n + 1)])]
+    )
     along = np.concatenate([capacity, source, sink])
     against = np.concatenate([reverse, np.zeros(2 * n, int)])
     flow, cut = max_flow(n + 2, more, along, against, n, n + 1)
