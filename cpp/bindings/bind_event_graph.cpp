@@ -18,7 +18,8 @@ py::tuple event_graph(const Array<std::uint16_t>& x, const Array<std::uint16_t>&
   return py::make_tuple(to_numpy(std::move(graph.indptr)), to_numpy(std::move(graph.indices)));
 }
 
-py::array_t<std::int32_t> delaunay_edges_array(const Array<std::int32_t>& xy) {
+template <std::vector<PixelEdge> (*Triangulate)(std::span<const Pixel>)>
+py::array_t<std::int32_t> triangulate(const Array<std::int32_t>& xy) {
   if (xy.ndim() != 2 || xy.shape(1) != 2) throw std::invalid_argument("pixels must have the shape (n, 2)");
   std::vector<std::int32_t> flat;
   {
@@ -27,7 +28,7 @@ py::array_t<std::int32_t> delaunay_edges_array(const Array<std::int32_t>& xy) {
     std::vector<Pixel> pixels;
     pixels.reserve(values.size() / 2);
     for (std::size_t k = 0; k < values.size(); k += 2) pixels.push_back({values[k], values[k + 1]});
-    const std::vector<PixelEdge> edges = delaunay_edges(pixels);
+    const std::vector<PixelEdge> edges = Triangulate(pixels);
     flat.reserve(2 * edges.size());
     for (const auto& [a, b] : edges) flat.insert(flat.end(), {a, b});
   }
@@ -42,6 +43,8 @@ void bind_event_graph(py::module_& m) {
       "event_graph", &event_graph, py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("width"),
       py::arg("height"),
       "Space-time graph in compressed rows: indptr int64 (n + 1,), indices int32 (edges,), each edge once.");
-  m.def("delaunay_edges", &delaunay_edges_array, py::arg("pixels"),
+  m.def("delaunay_edges", &triangulate<delaunay_edges>, py::arg("pixels"),
         "Edges int32 (m, 2) of a Delaunay triangulation of distinct pixels int32 (n, 2) given as x, y.");
+  m.def("delaunay_edges_cgal", &triangulate<delaunay_edges_cgal>, py::arg("pixels"),
+        "The same by CGAL: the oracle and the pace to beat.");
 }

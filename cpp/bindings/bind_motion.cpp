@@ -107,7 +107,7 @@ void bind_motion(py::module_& m) {
         {
           py::gil_scoped_release release;
           ThreadPool pool(threads);
-          result = fit_motion(points, view(p), motion, frame, {width, height}, options, pool);
+          result = fit_motion(points, view(p), motion, frame, {0, 0, width, height}, options, pool);
         }
         const auto params = params_of(result.model);
         return py::make_tuple(to_numpy(std::vector<double>(params.begin(), params.end())), result.contrast,

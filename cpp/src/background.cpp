@@ -3,20 +3,22 @@
 #include <algorithm>
 #include <cmath>
 
+#include "emseg/iwe.hpp"
+
 namespace emseg {
 
 std::vector<LabelExtent> label_extents(const PointView& points, std::span<const std::int32_t> labels,
-                                       std::int32_t label_count, ImageSize size) {
+                                       std::int32_t label_count, Region plane) {
   constexpr int tile = 16;
   constexpr int enough = 3;
-  const int columns = (size.width + tile - 1) / tile;
-  const int rows = (size.height + tile - 1) / tile;
+  const int columns = (plane.width + tile - 1) / tile;
+  const int rows = (plane.height + tile - 1) / tile;
   const auto count = static_cast<std::size_t>(label_count);
   std::vector<std::int32_t> events(static_cast<std::size_t>(columns * rows) * count, 0);
   for (std::size_t k = 0; k < labels.size(); ++k) {
     if (labels[k] < 0) continue;
-    const int column = std::clamp(static_cast<int>(points.x[k]) / tile, 0, columns - 1);
-    const int row = std::clamp(static_cast<int>(points.y[k]) / tile, 0, rows - 1);
+    const int column = std::clamp(static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / tile, 0, columns - 1);
+    const int row = std::clamp(static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / tile, 0, rows - 1);
     ++events[static_cast<std::size_t>(row * columns + column) * count + static_cast<std::size_t>(labels[k])];
   }
   struct Moments {
@@ -68,11 +70,12 @@ std::int32_t background_label(std::span<const LabelExtent> extents) {
 
 std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<const std::int32_t> labels,
                                              std::span<const MotionModel> models, const WarpFrame& frame,
-                                             ImageSize size, int company) {
+                                             Region plane, int company) {
   std::vector<std::uint8_t> lonely(points.size(), 0);
   std::vector<std::int32_t> pixel(points.size());  // of the warped event in a padded image, -1 outside
-  const int stride = size.width + 2;
-  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) * static_cast<std::size_t>(size.height + 2));
+  const Region canvas = canvas_of(plane);
+  const int stride = canvas.width + 2;
+  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) * static_cast<std::size_t>(canvas.height + 2));
   for (std::size_t l = 0; l < models.size(); ++l) {
     std::fill(votes.begin(), votes.end(), 0);
     std::visit(
@@ -81,9 +84,11 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
           for (std::size_t k = 0; k < points.size(); ++k) {
             if (labels[k] != static_cast<std::int32_t>(l)) continue;
             const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
-            const bool inside = at.x >= -0.5f && at.y >= -0.5f && at.x < static_cast<float>(size.width) - 0.5f &&
-                                at.y < static_cast<float>(size.height) - 0.5f;
-            pixel[k] = inside ? (static_cast<int>(at.y + 0.5f) + 1) * stride + static_cast<int>(at.x + 0.5f) + 1 : -1;
+            const float u = at.x - static_cast<float>(canvas.x0) + 0.5f;
+            const float v = at.y - static_cast<float>(canvas.y0) + 0.5f;
+            const bool inside =
+                u >= 0 && v >= 0 && u < static_cast<float>(canvas.width) && v < static_cast<float>(canvas.height);
+            pixel[k] = inside ? (static_cast<int>(v) + 1) * stride + static_cast<int>(u) + 1 : -1;
             if (inside) ++votes[static_cast<std::size_t>(pixel[k])];
           }
         },

@@ -14,22 +14,21 @@ DataTerm data_term(std::string_view name) {
   throw std::invalid_argument("unknown data term '" + std::string(name) + "', expected published or logarithmic");
 }
 
-void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, ImageSize size,
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
                       std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support) {
-  workspace.image.region = sensor_region(size);
-  make_iwe(workspace.image, points, model, frame, taps, workspace.blur);
-  const auto& pixels = workspace.image.pixels;
-  support.peak = pixels.empty() ? 0 : *std::max_element(pixels.begin(), pixels.end());
-  support.sharpness.resize(points.size());
-  std::visit(
-      [&](const auto& m) {
-        const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
-        for (std::size_t k = 0; k < points.size(); ++k) {
-          const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
-          support.sharpness[k] = bilinear_value(workspace.image, at.x, at.y);
-        }
-      },
-      model);
+  const std::size_t n = points.size();
+  workspace.x.resize(n);
+  workspace.y.resize(n);
+  warp_points(points, model, frame, workspace.x, workspace.y);
+  Image& image = workspace.image;
+  image.reset(bounding_region(workspace.x, workspace.y, 0, canvas));
+  for (std::size_t k = 0; k < n; ++k) bilinear_vote(image, workspace.x[k], workspace.y[k]);
+  gaussian_blur(image, taps, workspace.blur);
+  support.peak = image.pixels.empty() ? 0 : *std::max_element(image.pixels.begin(), image.pixels.end());
+  support.sharpness.resize(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    support.sharpness[k] = bilinear_value(image, workspace.x[k], workspace.y[k]);
+  }
 }
 
 double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports) {

@@ -2,8 +2,9 @@
 // the Manipulation of General Subdivisions and the Computation of Voronoi Diagrams", ACM TOG 1985, with the
 // cuts in both directions of Dwyer, Algorithmica 1987.
 //
-// Pixels are cut into horizontal strips about as high as pixels lie apart.  Each strip is triangulated from
-// left to right, then strips are merged from top to bottom.  All decisions are exact integer comparisons.
+// Pixels are cut into horizontal strips half as high as pixels lie apart on average.  Each strip is
+// triangulated from left to right, then strips are merged from top to bottom.  All decisions are exact
+// integer comparisons.
 #include <algorithm>
 #include <limits>
 #include <stdexcept>
@@ -69,8 +70,9 @@ Strips cut_into_strips(std::span<const Pixel> pixels, const Box& box) {
     ++strip_of_row[pixels[k].y - box.min_y];  // the count of the row, until its strip is known
   }
 
-  // Pixels crowd along the edges of the scene, so that neighbours stand nearer than a uniform spread would
-  // put them; one spread's spacing as the height measured best (.5 to 2 spacings lie within 15 %).
+  // Pixels crowd along the edges of the scene, where they stand closer than a uniform spread would put them.
+  // Strips of .25 to 1 uniform spacings took the same time on event windows; single rows or 4 spacings, a
+  // third more.
   const double spacing_squared =
       static_cast<double>(columns) * static_cast<double>(rows) / static_cast<double>(n);
   Strips strips;
@@ -79,7 +81,7 @@ Strips cut_into_strips(std::span<const Pixel> pixels, const Box& box) {
   std::size_t top = 0;
   for (std::size_t row = 0; row < rows; ++row) {
     const std::size_t height = row - top;
-    if (static_cast<double>(height * height) >= spacing_squared && count - strips.start.back() >= 2 &&
+    if (static_cast<double>(4 * height * height) >= spacing_squared && count - strips.start.back() >= 2 &&
         static_cast<std::int32_t>(n) - count >= 2) {
       strips.start.push_back(count);
       top = row;

@@ -7,19 +7,19 @@
 
 namespace emseg {
 
-std::vector<Region> sub_volumes(ImageSize size, int bracket_row, int bracket_col) {
+std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col) {
   std::vector<Region> regions;
   for (int h = 1; h <= std::max(bracket_row, bracket_col); ++h) {
-    const int rows = std::min({h, bracket_row, size.height});
-    const int columns = std::min({h, bracket_col, size.width});
-    const int height = size.height / rows;
-    const int width = size.width / columns;
+    const int rows = std::min({h, bracket_row, plane.height});
+    const int columns = std::min({h, bracket_col, plane.width});
+    const int height = plane.height / rows;
+    const int width = plane.width / columns;
     for (int j = 0; j < rows; ++j) {
       for (int i = 0; i < columns; ++i) {
-        const int x0 = i * width;
-        const int y0 = j * height;
-        regions.push_back(
-            {x0, y0, i + 1 == columns ? size.width - x0 : width, j + 1 == rows ? size.height - y0 : height});
+        const int left = i * width;
+        const int top = j * height;
+        regions.push_back({plane.x0 + left, plane.y0 + top, i + 1 == columns ? plane.width - left : width,
+                           j + 1 == rows ? plane.height - top : height});
       }
     }
   }
@@ -31,11 +31,11 @@ namespace {
 // Candidates with what they make of the window.
 class Candidates {
  public:
-  Candidates(const PointView& points, const WarpFrame& frame, ImageSize size, const PoolOptions& options,
+  Candidates(const PointView& points, const WarpFrame& frame, Region plane, const PoolOptions& options,
              ThreadPool& pool)
       : points_(points),
         frame_(frame),
-        size_(size),
+        canvas_(canvas_of(plane)),
         options_(options),
         pool_(pool),
         taps_(gaussian_taps(options.sigma)),
@@ -53,7 +53,7 @@ class Candidates {
     }
     supports_.resize(models_.size());
     pool_.for_each(models_.size() - before, [&](std::size_t i, int worker) {
-      evaluate_support(points_, models_[before + i], frame_, size_, taps_,
+      evaluate_support(points_, models_[before + i], frame_, canvas_, taps_,
                        workspaces_[static_cast<std::size_t>(worker)], supports_[before + i]);
     });
   }
@@ -93,7 +93,7 @@ class Candidates {
 
   const PointView points_;
   const WarpFrame& frame_;
-  ImageSize size_;
+  Region canvas_;
   const PoolOptions& options_;
   ThreadPool& pool_;
   std::vector<float> taps_;
@@ -112,10 +112,10 @@ MotionKind richest(const std::vector<MotionKind>& kinds) {
 
 // Best velocities of the sub-volumes, strongest first, without near copies.
 std::vector<MotionModel> propose_translations(const PointView& points, std::span<const std::uint8_t> positive,
-                                              ImageSize size, const PoolOptions& options, ThreadPool& pool) {
-  const auto regions = sub_volumes(size, options.bracket_row, options.bracket_col);
+                                              Region plane, const PoolOptions& options, ThreadPool& pool) {
+  const auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
   std::vector<VelocityScore> proposals;
-  for (const auto& found : sweep_velocities(points, positive, regions, size, options.sweep, pool)) {
+  for (const auto& found : sweep_velocities(points, positive, regions, plane, options.sweep, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
   }
   std::stable_sort(proposals.begin(), proposals.end(),
@@ -139,7 +139,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
 // Each chosen model refitted on the events of its blocks, and each pair of them on both's.
 std::vector<MotionModel> propose_refits(const PointView& points, const BlockGrid& grid, const Selection& selection,
                                         const std::vector<MotionModel>& models, const WarpFrame& frame,
-                                        ImageSize size, const PoolOptions& options, ThreadPool& pool) {
+                                        Region plane, const PoolOptions& options, ThreadPool& pool) {
   std::vector<Points> members(models.size());
   for (std::size_t k = 0; k < points.size(); ++k) {
     members[static_cast<std::size_t>(selection.of_block[static_cast<std::size_t>(grid.of_event[k])])].push_back(points,
@@ -170,8 +170,8 @@ std::vector<MotionModel> propose_refits(const PointView& points, const BlockGrid
       cluster.y.insert(cluster.y.end(), other.y.begin(), other.y.end());
       cluster.dt.insert(cluster.dt.end(), other.dt.begin(), other.dt.end());
     }
-    const MotionModel start = convert_motion(models[task.start], kind, frame, size);
-    refits[i] = refine_motion(cluster.view(), start, frame, bounding_region(cluster.view(), 16, sensor_region(size)),
+    const MotionModel start = convert_motion(models[task.start], kind, frame, plane);
+    refits[i] = refine_motion(cluster.view(), start, frame, fit_region(cluster.view(), start, frame, plane),
                               options.refine, workspaces[static_cast<std::size_t>(worker)])
                     .model;
   });
@@ -181,25 +181,25 @@ std::vector<MotionModel> propose_refits(const PointView& points, const BlockGrid
 }  // namespace
 
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
-                                         const WarpFrame& frame, ImageSize size, const PoolOptions& options,
+                                         const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool) {
-  if (points.size() == 0) return {convert_motion(Translation{}, richest(options.kinds), frame, size)};
-  const BlockGrid grid = make_block_grid(points, size, options.block);
-  Candidates candidates(points, frame, size, options, pool);
+  if (points.size() == 0) return {convert_motion(Translation{}, richest(options.kinds), frame, plane)};
+  const BlockGrid grid = make_block_grid(points, plane, options.block);
+  Candidates candidates(points, frame, plane, options, pool);
   candidates.tell_apart(0);
   std::vector<MotionModel> proposals = options.candidates;
-  for (const MotionModel& model : propose_translations(points, positive, size, options, pool)) proposals.push_back(model);
+  for (const MotionModel& model : propose_translations(points, positive, plane, options, pool)) proposals.push_back(model);
   candidates.add(std::move(proposals));
   // Two rounds: the first fits are on blocks that coarse velocities chose, the second on those that good models chose.
   for (int round = 0; round < 2; ++round) {
     const Selection selection = candidates.choose(grid);
     candidates.tell_apart(0.02);
-    candidates.add(propose_refits(points, grid, selection, candidates.models(), frame, size, options, pool));
+    candidates.add(propose_refits(points, grid, selection, candidates.models(), frame, plane, options, pool));
   }
   candidates.choose(grid);
   std::vector<MotionModel> models = candidates.models();
   const MotionKind kind = richest(options.kinds);
-  for (MotionModel& model : models) model = convert_motion(model, kind, frame, size);
+  for (MotionModel& model : models) model = convert_motion(model, kind, frame, plane);
   return models;
 }
 

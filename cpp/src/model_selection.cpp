@@ -5,17 +5,17 @@
 
 namespace emseg {
 
-BlockGrid make_block_grid(const PointView& points, ImageSize size, int block) {
+BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
   BlockGrid grid;
   grid.block = block;
-  grid.columns = (size.width + block - 1) / block;
-  grid.rows = (size.height + block - 1) / block;
+  grid.plane = plane;
+  grid.columns = (plane.width + block - 1) / block;
+  grid.rows = (plane.height + block - 1) / block;
   grid.of_event.resize(points.size());
   for (std::size_t k = 0; k < points.size(); ++k) {
-    // Undistorted points may lie beyond the sensor; they go with its border.
-    const float column = std::clamp(points.x[k] / static_cast<float>(block), 0.0f, static_cast<float>(grid.columns - 1));
-    const float row = std::clamp(points.y[k] / static_cast<float>(block), 0.0f, static_cast<float>(grid.rows - 1));
-    grid.of_event[k] = static_cast<int>(row) * grid.columns + static_cast<int>(column);
+    const int column = static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / block;
+    const int row = static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / block;
+    grid.of_event[k] = std::clamp(row, 0, grid.rows - 1) * grid.columns + std::clamp(column, 0, grid.columns - 1);
   }
   return grid;
 }

@@ -144,24 +144,32 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
   return best;
 }
 
+Region fit_region(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region plane) {
+  std::vector<float> x(points.size()), y(points.size());
+  warp_points(points, start, frame, x, y);
+  return bounding_region(x, y, 8, canvas_of(plane));
+}
+
 FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
-                     const WarpFrame& frame, ImageSize size, const FitOptions& options, ThreadPool& pool) {
+                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool) {
   // The whole sensor, and parts of it for the change of velocity across it.
   constexpr int parts = 4;
-  std::vector<Region> regions{sensor_region(size)};
+  std::vector<Region> regions{plane};
   for (int j = 0; j < parts; ++j) {
     for (int i = 0; i < parts; ++i) {
-      regions.push_back({size.width * i / parts, size.height * j / parts, size.width * (i + 1) / parts - size.width * i / parts,
-                         size.height * (j + 1) / parts - size.height * j / parts});
+      const int left = plane.width * i / parts;
+      const int top = plane.height * j / parts;
+      regions.push_back({plane.x0 + left, plane.y0 + top, plane.width * (i + 1) / parts - left,
+                         plane.height * (j + 1) / parts - top});
     }
   }
   SweepOptions sweep = options.sweep;
   sweep.max_speed = options.refine.bounds.speed;
-  const auto velocities = sweep_velocities(points, positive, regions, size, sweep, pool);
+  const auto velocities = sweep_velocities(points, positive, regions, plane, sweep, pool);
 
   const auto moving = [&](const VelocityScore& v) {
     const double params[] = {v.vx, v.vy};
-    return convert_motion(make_motion(MotionKind::translation, params), kind, frame, size);
+    return convert_motion(make_motion(MotionKind::translation, params), kind, frame, plane);
   };
   std::vector<MotionModel> starts{make_motion(kind)};
   for (const VelocityScore& v : velocities[0]) starts.push_back(moving(v));
@@ -197,7 +205,7 @@ FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> posi
   std::vector<FitResult> results(starts.size());
   std::vector<ContrastWorkspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
   pool.for_each(starts.size(), [&](std::size_t i, int worker) {
-    results[i] = refine_motion(points, starts[i], frame, sensor_region(size), options.refine,
+    results[i] = refine_motion(points, starts[i], frame, plane, options.refine,
                                workspaces[static_cast<std::size_t>(worker)]);
   });
   FitResult best = results.front();

@@ -216,7 +216,7 @@ MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence>
   return result;
 }
 
-MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, ImageSize size) {
+MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, Region plane) {
   if (kind_of(model) == kind) return model;
   constexpr float dt = 1e-2f;  // short, so that first and exact order agree; any value of the order of a window
   constexpr int steps = 5;
@@ -226,8 +226,8 @@ MotionModel convert_motion(const MotionModel& model, MotionKind kind, const Warp
         const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
         for (int i = 0; i < steps; ++i) {
           for (int j = 0; j < steps; ++j) {
-            const auto x = static_cast<float>((size.width - 1) * (j / double(steps - 1)));
-            const auto y = static_cast<float>((size.height - 1) * (i / double(steps - 1)));
+            const auto x = static_cast<float>(plane.x0 + (plane.width - 1) * (j / double(steps - 1)));
+            const auto y = static_cast<float>(plane.y0 + (plane.height - 1) * (i / double(steps - 1)));
             const Vec2f target = warp(x, y, dt);
             pairs.push_back({x, y, dt, target.x, target.y, 1});
           }

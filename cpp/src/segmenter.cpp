@@ -39,7 +39,7 @@ struct Problem {
   const PointView& points;
   const EventGraph& graph;
   const WarpFrame& frame;
-  ImageSize size;
+  Region plane;
   const SegmenterOptions& options;
   std::int32_t smooth_cost;
   std::int64_t label_cost;
@@ -110,8 +110,8 @@ class Alternation {
     pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
       Refit& refit = refits[i];
       const PointView own = members[refit.label].view();
-      const Region region = bounding_region(own, 16, sensor_region(problem_.size));
-      const MotionModel start = convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.size);
+      const MotionModel start = convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
+      const Region region = fit_region(own, start, problem_.frame, problem_.plane);
       refit.model = refine_motion(own, start, problem_.frame, region, problem_.refine,
                                   contrast_workspaces_[static_cast<std::size_t>(worker)])
                         .model;
@@ -153,7 +153,7 @@ class Alternation {
 
  private:
   void evaluate(const MotionModel& model, int worker, ModelSupport& support) {
-    evaluate_support(problem_.points, model, problem_.frame, problem_.size, taps_,
+    evaluate_support(problem_.points, model, problem_.frame, canvas_of(problem_.plane), taps_,
                      support_workspaces_[static_cast<std::size_t>(worker)], support);
   }
 
@@ -264,6 +264,7 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
     }
     if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
   }
+  plane_ = image_plane(size_, undistortion_ ? &*undistortion_ : nullptr);
 }
 
 Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prior) {
@@ -302,7 +303,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.lambda_label = label_cost;
     pool.sigma = options_.sigma;
     pool.candidates = prior.candidates;
-    models = make_model_pool(points, events.p, frame_, size_, pool, pool_);
+    models = make_model_pool(points, events.p, frame_, plane_, pool, pool_);
   }
   clock.lap("model_pool");
 
@@ -310,7 +311,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const Problem problem{points,
                         graph,
                         frame_,
-                        size_,
+                        plane_,
                         options_,
                         rounded_cost(options_.lambda_smooth, "lambda_smooth"),
                         std::llround(label_cost),
@@ -326,7 +327,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
 
   // Background, noise, and the order of the labels.
   const auto extents = label_extents(points, alternation.labels(),
-                                     static_cast<std::int32_t>(alternation.models().size()), size_);
+                                     static_cast<std::int32_t>(alternation.models().size()), plane_);
   std::int32_t background = background_label(extents);
   if (background < 0) {
     background = static_cast<std::int32_t>(alternation.models().size());
@@ -335,7 +336,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   }
   order_labels(background, alternation.models(), alternation.labels(), result);
   if (options_.mark_noise) {
-    const auto lonely = find_lonely_events(points, result.labels, result.models, frame_, size_, 2);
+    const auto lonely = find_lonely_events(points, result.labels, result.models, frame_, plane_, 2);
     for (std::size_t k = 0; k < n; ++k) {
       if (lonely[k]) result.labels[k] = noise_label;
     }

@@ -44,11 +44,13 @@ struct TileScores {
 
 class TileGrid {
  public:
-  TileGrid(ImageSize size, const SweepOptions& options)
-      : cell_(options.cell), cells_per_tile_(std::max(1, static_cast<int>(std::lround(options.tile / options.cell)))) {
+  TileGrid(Region plane, const SweepOptions& options)
+      : plane_(plane),
+        cell_(options.cell),
+        cells_per_tile_(std::max(1, static_cast<int>(std::lround(options.tile / options.cell)))) {
     const double tile = cells_per_tile_ * cell_;
-    columns_ = static_cast<int>(std::ceil(size.width / tile));
-    rows_ = static_cast<int>(std::ceil(size.height / tile));
+    columns_ = static_cast<int>(std::ceil(plane.width / tile));
+    rows_ = static_cast<int>(std::ceil(plane.height / tile));
     tile_ = tile;
   }
 
@@ -58,19 +60,21 @@ class TileGrid {
   double tile() const { return tile_; }
 
   // Two planes of cells, one for each polarity, and one spare cell for what leaves the image.
-  std::size_t cell_count() const { return 2 * plane() + 1; }
+  std::size_t cell_count() const { return 2 * plane_cells() + 1; }
 
   void score(const Slice& slice, double vx, double vy, std::vector<std::uint16_t>& cells, TileScores& scores) const {
     std::fill(cells.begin(), cells.end(), std::uint16_t{0});
     const auto inverse_cell = static_cast<float>(1 / cell_);
     const auto sx = static_cast<float>(vx / cell_), sy = static_cast<float>(vy / cell_);
+    // Pixels, being whole numbers, lie half a pixel inside their cells.
+    const float x0 = static_cast<float>(plane_.x0) - 0.5f, y0 = static_cast<float>(plane_.y0) - 0.5f;
     const int width = columns_ * cells_per_tile_;
     const int height = rows_ * cells_per_tile_;
-    const auto outside = static_cast<int>(2 * plane());
-    const int plane_size = static_cast<int>(plane());
+    const auto outside = static_cast<int>(2 * plane_cells());
+    const int plane_size = static_cast<int>(plane_cells());
     for (std::size_t k = 0; k < slice.x.size(); ++k) {
-      const float u = slice.x[k] * inverse_cell - slice.dt[k] * sx + 0.25f;
-      const float v = slice.y[k] * inverse_cell - slice.dt[k] * sy + 0.25f;
+      const float u = (slice.x[k] - x0) * inverse_cell - slice.dt[k] * sx;
+      const float v = (slice.y[k] - y0) * inverse_cell - slice.dt[k] * sy;
       const bool inside = u >= 0 && v >= 0 && u < static_cast<float>(width) && v < static_cast<float>(height);
       const int index = inside ? static_cast<int>(v) * width + static_cast<int>(u) + (slice.positive[k] ? plane_size : 0)
                                : outside;
@@ -80,7 +84,7 @@ class TileGrid {
     scores.mass.assign(tile_count(), 0);
     const float inverse_area = 1.0f / static_cast<float>(cells_per_tile_ * cells_per_tile_);
     for (int polarity = 0; polarity < 2; ++polarity) {
-      const std::uint16_t* cell_plane = cells.data() + (polarity ? plane() : 0);
+      const std::uint16_t* cell_plane = cells.data() + (polarity ? plane_cells() : 0);
       for (int row = 0; row < rows_; ++row) {
         for (int column = 0; column < columns_; ++column) {
           std::uint32_t mass = 0;
@@ -105,10 +109,11 @@ class TileGrid {
   }
 
  private:
-  std::size_t plane() const {
+  std::size_t plane_cells() const {
     return tile_count() * static_cast<std::size_t>(cells_per_tile_) * static_cast<std::size_t>(cells_per_tile_);
   }
 
+  Region plane_;
   double cell_;
   int cells_per_tile_;
   double tile_ = 0;
@@ -146,21 +151,23 @@ struct GridVelocity {
 }  // namespace
 
 std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points, std::span<const std::uint8_t> positive,
-                                                         std::span<const Region> regions, ImageSize size,
+                                                         std::span<const Region> regions, Region plane,
                                                          const SweepOptions& options, ThreadPool& pool) {
   std::vector<std::vector<VelocityScore>> best(regions.size());
   if (points.size() < 2) return best;
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   if (!(window > 0)) return best;
 
-  const TileGrid grid(size, options);
+  const TileGrid grid(plane, options);
   std::vector<TileRect> rects;
   for (const Region& region : regions) {
     const auto tile_of = [&](int pixel, int last) {
       return std::clamp(static_cast<int>(std::lround(pixel / grid.tile())), 0, last);
     };
-    TileRect rect{tile_of(region.x0, grid.columns() - 1), tile_of(region.y0, grid.rows() - 1),
-                  tile_of(region.x0 + region.width, grid.columns()), tile_of(region.y0 + region.height, grid.rows())};
+    const int left = region.x0 - plane.x0;
+    const int top = region.y0 - plane.y0;
+    TileRect rect{tile_of(left, grid.columns() - 1), tile_of(top, grid.rows() - 1),
+                  tile_of(left + region.width, grid.columns()), tile_of(top + region.height, grid.rows())};
     rect.right = std::max(rect.right, rect.left + 1);
     rect.bottom = std::max(rect.bottom, rect.top + 1);
     rects.push_back(rect);

@@ -16,7 +16,7 @@ struct LabelExtent {
 };
 
 std::vector<LabelExtent> label_extents(const PointView& points, std::span<const std::int32_t> labels,
-                                       std::int32_t label_count, ImageSize size);
+                                       std::int32_t label_count, Region plane);
 
 // The label whose motion is the camera's: the one that holds the most tiles among those that span the scene, not the one with
 // most events.  None (-1) where no label spans it: then the camera stands still and only objects make events.
@@ -25,6 +25,6 @@ std::int32_t background_label(std::span<const LabelExtent> extents);
 // 1 for events with fewer than `company` other events of their label within 1 px (a 3 x 3 neighbourhood) at t_ref.
 std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<const std::int32_t> labels,
                                              std::span<const MotionModel> models, const WarpFrame& frame,
-                                             ImageSize size, int company);
+                                             Region plane, int company);
 
 }  // namespace emseg

@@ -25,11 +25,13 @@ struct ModelSupport {
 };
 
 struct SupportWorkspace {
+  std::vector<float> x, y;  // warped positions
   Image image;
   BlurWorkspace blur;
 };
 
-void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, ImageSize size,
+// The image covers all warped events within `canvas`.
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
                       std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support);
 
 // G_ref of a set of models.

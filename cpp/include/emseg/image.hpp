@@ -19,6 +19,11 @@ struct Region {
   friend bool operator==(const Region&, const Region&) = default;
 };
 
+// The region with `x` more columns on either side and `y` more rows.
+inline Region expanded(Region region, int x, int y) {
+  return {region.x0 - x, region.y0 - y, region.width + 2 * x, region.height + 2 * y};
+}
+
 // Row-major float image over a region.  Pixel centres lie on whole coordinates.
 struct Image {
   Region region;

@@ -96,7 +96,14 @@ void make_iwe(Image& image, const PointView& points, const MotionModel& model, c
 // Region of the whole sensor.
 inline Region sensor_region(ImageSize size) { return {0, 0, size.width, size.height}; }
 
-// Smallest region that holds all points, `margin` px wider on each side, cut to `limit`.
-Region bounding_region(const PointView& points, int margin, Region limit);
+// The image plane of a sensor: the smallest region that holds every undistorted pixel, or the sensor itself.
+Region image_plane(ImageSize size, const UndistortionTable* table = nullptr);
+
+// Where warped events are followed to: the image plane and half as much again on every side.  Events that move out of
+// the sensor's frame keep their votes and find those of their neighbours; what goes further is dropped.
+inline Region canvas_of(Region plane) { return expanded(plane, plane.width / 2, plane.height / 2); }
+
+// Smallest region that holds the votes of all points at (x, y), `margin` px wider on each side, cut to `limit`.
+Region bounding_region(std::span<const float> x, std::span<const float> y, int margin, Region limit);
 
 }  // namespace emseg

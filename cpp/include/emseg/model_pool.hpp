@@ -26,14 +26,14 @@ struct PoolOptions {
 
 // Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it each way),
 // the remainder of the division in the last row and column.
-std::vector<Region> sub_volumes(ImageSize size, int bracket_row, int bracket_col);
+std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 
 // The motions that together explain the window's events for the least cost: data cost plus lambda_label a model.
 // The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over blocks of the image chooses
 // among them; the chosen are refitted, alone and in pairs, on the events of their blocks and chosen again.
 // Never empty.  Deterministic for any number of threads.
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
-                                         const WarpFrame& frame, ImageSize size, const PoolOptions& options,
+                                         const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool);
 
 }  // namespace emseg

@@ -10,6 +10,7 @@ namespace emseg {
 
 // A division of the image plane into square blocks; each event belongs to one for good.
 struct BlockGrid {
+  Region plane;
   int block = 8;  // px
   int columns = 0;
   int rows = 0;
@@ -18,7 +19,7 @@ struct BlockGrid {
   std::size_t count() const { return static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows); }
 };
 
-BlockGrid make_block_grid(const PointView& points, ImageSize size, int block);
+BlockGrid make_block_grid(const PointView& points, Region plane, int block);
 
 // Cost of explaining each block's events by one model, with half of each neighbour's added: what is next to
 // a motion tends to share it, as the Potts term will say later.

@@ -43,9 +43,12 @@ struct FitOptions {
   SweepOptions sweep;
 };
 
-// The model of this kind with the highest contrast over the sensor: starts from the best velocities of the
+// Where to evaluate a fit that starts from `start`: around the warped events, with room to move.
+Region fit_region(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region plane);
+
+// The model of this kind with the highest contrast over `plane`: starts from the best velocities of the
 // whole region and from the velocity field of its parts, and refines each.  `points` are sorted by dt.
 FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
-                     const WarpFrame& frame, ImageSize size, const FitOptions& options, ThreadPool& pool);
+                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool);
 
 }  // namespace emseg

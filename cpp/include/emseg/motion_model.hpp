@@ -21,6 +21,7 @@
 
 #include "emseg/camera.hpp"
 #include "emseg/event.hpp"
+#include "emseg/image.hpp"
 
 namespace emseg {
 
@@ -200,8 +201,8 @@ struct Correspondence {
 MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs, const WarpFrame& frame);
 
 // The same image motion as a model of another kind: exact from a kind that the other contains, otherwise the
-// least-squares fit of the velocity field over the image.
-MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, ImageSize size);
+// least-squares fit of the velocity field over `plane`.
+MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, Region plane);
 
 // Events as points to be warped: undistorted position (px) and time from t_ref (s).
 struct PointView {

@@ -66,6 +66,7 @@ class Segmenter {
  private:
   ImageSize size_;
   std::optional<UndistortionTable> undistortion_;
+  Region plane_;  // of the undistorted pixels
   WarpFrame frame_;
   SegmenterOptions options_;
   ThreadPool pool_;

@@ -31,10 +31,11 @@ struct VelocityScore {
   double score = 0;       // votes that coincide beyond chance, per event
 };
 
-// Best velocities of each region, best first, at the last level (the whole window).  Regions are rounded to tiles.
+// Best velocities of each region of `plane`, best first, at the last level (the whole window).  Regions are rounded to
+// tiles.
 // `positive` tells polarities apart (votes of opposite polarity do not coincide); points are sorted by dt.
 std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points, std::span<const std::uint8_t> positive,
-                                                         std::span<const Region> regions, ImageSize size,
+                                                         std::span<const Region> regions, Region plane,
                                                          const SweepOptions& options, ThreadPool& pool);
 
 }  // namespace emseg
