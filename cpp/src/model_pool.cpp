@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "emseg/model_selection.hpp"
 
@@ -116,16 +117,21 @@ class PoolSearch {
     for (std::size_t k = 0; k < points_.size(); ++k) {
       members[chosen_for(grid_.of_event[k])].push_back(points_, k);
     }
+    RefineOptions coarse = options_.refine;
+    coarse.max_iterations = 10;
+    coarse.tolerance = 0.05;
     struct Task {
       std::size_t start;  // whose model to start from, and whose events to fit
       std::size_t other;  // whose events to fit with them; == start for none
     };
     std::vector<Task> tasks;
     for (std::size_t a = 0; a < chosen.size(); ++a) {
-      if (members[a].size() > 0) tasks.push_back({a, a});
+      if (members[a].size() > 0 && !fitted_.contains({chosen[a], members[a].size()})) tasks.push_back({a, a});
+      fitted_.insert({chosen[a], members[a].size()});
       for (std::size_t b = 0; b < chosen.size(); ++b) {
         const bool larger = members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b);
-        if (a != b && larger && merging_loss(b, a) < 6 * options_.lambda_label) tasks.push_back({a, b});
+        if (a == b || !larger || merging_loss(b, a) >= 6 * options_.lambda_label) continue;
+        if (paired_.insert({chosen[a], chosen[b]}).second) tasks.push_back({a, b});
       }
     }
     const MotionKind kind = richest(options_.kinds);
@@ -136,7 +142,7 @@ class PoolSearch {
       if (task.other != task.start) append(cluster, members[task.other]);
       const MotionModel start = convert_motion(models_[chosen[task.start]], kind, frame_, plane_);
       models[i] = refine_motion(cluster.view(), start, frame_, fit_region(cluster.view(), start, frame_, plane_),
-                                options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
+                                coarse, contrast_workspaces_[static_cast<std::size_t>(worker)])
                       .model;
     });
     return models;
@@ -199,6 +205,8 @@ class PoolSearch {
   std::vector<ModelSupport> supports_;
   std::vector<std::vector<float>> costs_;  // per model, per block
   Selection selection_;
+  std::set<std::pair<std::size_t, std::size_t>> fitted_;  // candidates refitted, with the number of their events
+  std::set<std::pair<std::size_t, std::size_t>> paired_;  // pairs of candidates fitted together
 };
 
 }  // namespace
@@ -216,7 +224,7 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
     const std::size_t before = search.candidate_count();
     search.add(search.refits());
     search.choose();
-    if (!search.chosen_since(before)) break;
+    if (search.candidate_count() == before || !search.chosen_since(before)) break;
   }
   std::vector<MotionModel> models = search.chosen_models();
   const MotionKind kind = richest(options.kinds);
