@@ -15,7 +15,7 @@ REFERENCE_DIR = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" /
 
 
 def space_time_edges(x: IntArray, y: IntArray, t: NDArray[np.float64]) -> IntArray:
-    """Join events to their temporal neighbours at their own and at Delaunay-neighbour pixels; (m, 2), i < j."""
+    """Edges (m, 2), i < j, to the temporal neighbours at the own and at Delaunay-neighbour pixels."""
     n = len(x)
     pixel_code, pixel = np.unique(y.astype(np.int64) * 65536 + x, return_inverse=True)
     triangles = Delaunay(np.column_stack([pixel_code % 65536, pixel_code // 65536])).simplices
@@ -69,7 +69,8 @@ def published_unary(
         ):  # fmt: skip
             np.add.at(image, (v0[inside] + dv, u0[inside] + du), weight[inside])
         images.append(gaussian_filter(image, 1.0))
-        places.append((np.clip(np.round(v).astype(int), 0, height), np.clip(np.round(u).astype(int), 0, width)))
+        row, column = np.clip(np.round(v).astype(int), 0, height), np.clip(np.round(u).astype(int), 0, width)
+        places.append((row, column))
     top = max(image.max() for image in images)
     columns = [255 * (1 - image[place] / top) for image, place in zip(images, places, strict=True)]
     return np.round(np.column_stack(columns)).astype(np.int32)

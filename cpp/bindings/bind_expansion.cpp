@@ -11,10 +11,11 @@ namespace {
 void bind_max_flow(py::module_& m) {
   m.def(
       "max_flow",
-      [](const Array<std::int32_t>& tail, const Array<std::int32_t>& head, const Array<std::int64_t>& capacity,
-         const Array<std::int64_t>& reverse, const Array<std::int64_t>& source,
-         const Array<std::int64_t>& sink) {
-        const FlowGraph graph{view(tail), view(head), view(capacity), view(reverse), view(source), view(sink)};
+      [](const Array<std::int32_t>& tail, const Array<std::int32_t>& head,
+         const Array<std::int64_t>& capacity, const Array<std::int64_t>& reverse,
+         const Array<std::int64_t>& source, const Array<std::int64_t>& sink) {
+        const FlowGraph graph{view(tail),    view(head),   view(capacity),
+                              view(reverse), view(source), view(sink)};
         MaxFlowResult result;
         {
           py::gil_scoped_release release;
@@ -23,7 +24,8 @@ void bind_max_flow(py::module_& m) {
         return py::make_tuple(result.flow, to_numpy(std::move(result.sink_side)));
       },
       py::arg("tail"), py::arg("head"), py::arg("capacity"), py::arg("reverse"), py::arg("source"),
-      py::arg("sink"), "Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.");
+      py::arg("sink"),
+      "Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.");
 }
 
 // The same functions for 32- and 64-bit costs, told apart by the arrays' type.
@@ -58,7 +60,8 @@ void bind_labeling(py::module_& m) {
       },
       py::arg("label_count"), py::arg("unary"), py::arg("indptr"), py::arg("indices"), py::arg("weight"),
       py::arg("label_cost"), py::arg("initial"), py::arg("max_sweeps"),
-      "Labels, energy, and the energy before the first sweep and after each; an empty initial starts from the\n"
+      "Labels, energy, and the energy before the first sweep and after each; an empty initial starts from "
+      "the\n"
       "cheapest labels.");
 }
 

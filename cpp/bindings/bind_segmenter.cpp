@@ -75,6 +75,7 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("energy", &Segmentation::energy)
       .def_readonly("energy_trace", &Segmentation::energy_trace)
       .def_readonly("reference_sharpness", &Segmentation::reference_sharpness)
+      .def_readonly("next_duration_us", &Segmentation::next_duration_us)
       .def_readonly("timings", &Segmentation::timings);
 
   py::class_<Segmenter>(m, "Segmenter", "The engine for one sensor: keeps tables, threads and memory between windows.")
@@ -95,5 +96,15 @@ void bind_segmenter(py::module_& m) {
           },
           py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref") = std::nullopt,
           py::arg("pool") = std::vector<NamedModel>{}, py::arg("candidates") = std::vector<NamedModel>{},
-          "Segment one window.  Models are (kind, parameters); an empty pool is searched for.");
+          "Segment one window.  Models are (kind, parameters); an empty pool is searched for.")
+      .def(
+          "window_end",
+          [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
+             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::size_t begin, std::int64_t duration_us) {
+            const EventView events = event_view(x, y, t, p);
+            py::gil_scoped_release release;
+            return segmenter.window_end(events, begin, duration_us);
+          },
+          py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("begin"), py::arg("duration_us"),
+          "One past the last event of a window of this duration; 0 is judged from the events.");
 }

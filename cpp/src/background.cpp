@@ -43,6 +43,7 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
   for (std::size_t l = 0; l < count; ++l) {
     const Moments& m = moments[l];
     extents[l].tiles = static_cast<int>(m.n);
+    extents[l].share = m.n / (columns * rows);
     if (m.n == 0) continue;
     // 1/12: the variance of a tile within itself, so that a single tile has its own size.
     const double xx = m.xx / m.n - (m.x / m.n) * (m.x / m.n) + 1.0 / 12;
@@ -55,12 +56,13 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
 
 std::int32_t background_label(std::span<const LabelExtent> extents) {
   // A background is cut up by the objects before it, but what is left of it still lies all around; an object, or
-  // two of one motion, fills a small part of the view.
+  // a few of one motion, fills a small part of the view.
   constexpr double spans_scene = 0.15;
+  constexpr double fills_scene = 0.07;
   std::int32_t best = -1;
   int tiles = 0;
   for (std::size_t l = 0; l < extents.size(); ++l) {
-    if (extents[l].spread >= spans_scene && extents[l].tiles > tiles) {
+    if (extents[l].spread >= spans_scene && extents[l].share >= fills_scene && extents[l].tiles > tiles) {
       tiles = extents[l].tiles;
       best = static_cast<std::int32_t>(l);
     }

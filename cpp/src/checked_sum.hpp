@@ -7,7 +7,8 @@
 
 namespace emseg {
 
-// Adds non-negative terms; a total beyond 2^62 throws, so that a sum and a difference of two totals still fit.
+// Adds non-negative terms; a total beyond 2^62 throws, so that a sum and a difference of two totals still
+// fit.
 class CheckedSum {
  public:
   explicit CheckedSum(const char* name) : name_(name) {}

@@ -55,11 +55,12 @@ double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> s
 }
 
 float event_cost(DataTerm term, float sharpness, float reference) {
-  constexpr float floor = 0.15f;  // sharpness of an event that is all alone, about
-  const float cost = term == DataTerm::published
-                         ? 255.0f * (reference > 0 ? 1.0f - sharpness / reference : 0.0f)
-                         : 60.0f * std::log((reference + floor) / (std::max(0.0f, sharpness) + floor));
-  return std::clamp(cost, 0.0f, 255.0f);
+  // Sharpness, as a share of the reference, below which differences say little: what passes by chance.
+  constexpr float f = 0.2f;
+  if (!(reference > 0)) return 0;
+  const float share = std::clamp(sharpness / reference, 0.0f, 1.0f);
+  if (term == DataTerm::published) return 255.0f * (1.0f - share);
+  return 255.0f * std::log((1.0f + f) / (share + f)) / std::log((1.0f + f) / f);
 }
 
 void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,

@@ -63,10 +63,12 @@ void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, Expansi
 }
 
 template <typename Cost>
-ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> initial,
-                                  const ExpansionOptions& options, ExpansionWorkspace& workspace) {
+ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
+                                  std::span<const std::int32_t> initial, const ExpansionOptions& options,
+                                  ExpansionWorkspace& workspace) {
   if (options.max_sweeps < 0) {
-    throw std::invalid_argument("max_sweeps is " + std::to_string(options.max_sweeps) + ", expected at least 0");
+    throw std::invalid_argument("max_sweeps is " + std::to_string(options.max_sweeps) +
+                                ", expected at least 0");
   }
   const std::int64_t widest = check_problem(problem);
   ExpansionResult result;

@@ -13,18 +13,22 @@
 
 namespace emseg {
 
-// The cut: the source's side keeps its label, the sink's side switches to alpha.  Sites that have alpha already are
-// not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI 2004): with x = 1 for "switches",
+// The cut: the source's side keeps its label, the sink's side switches to alpha.  Sites that have alpha
+// already are not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI 2004): with x = 1 for
+// "switches",
 //   one end has alpha:     w [x_u = 0]                     a cost of keeping u
 //   equal labels:          w [x_u != x_v]                  an edge of capacity w both ways
-//   different labels:      w (1 - x_u x_v)                 a cost of keeping u and an arc v -> u of capacity w
+//   different labels:      w (1 - x_u x_v)                 a cost of keeping u and an arc v -> u of capacity
+//   w
 // A node's excess is its cost of switching minus its cost of keeping.
 //
-// alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless it is to
-// keep everything; it is taken if it gains more than that cost.  The other labels' costs are in LabelHubs.
+// alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless
+// it is to keep everything; it is taken if it gains more than that cost.  The other labels' costs are in
+// LabelHubs.
 //
-// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it is as
-// good a beginning as none, and where little has changed it leaves little to do, often not even a graph to build.
+// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it
+// is as good a beginning as none, and where little has changed it leaves little to do, often not even a graph
+// to build.
 //
 // Capacity must hold the range of the data costs plus twice the weights at any one site (see FlowSolver).
 template <typename Capacity>
@@ -34,7 +38,8 @@ class ExpansionMove {
   template <typename Cost>
   void begin(const BasicLabelingProblem<Cost>& problem);
 
-  // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every label.
+  // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every
+  // label.
   template <typename Cost>
   std::int64_t find(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
                     std::span<const std::int32_t> used, std::int32_t alpha);
@@ -47,31 +52,36 @@ class ExpansionMove {
   void gather_sites(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
                     std::int32_t alpha);
   template <typename Cost>
-  void add_terminals(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow);
-  template <typename Cost>
-  void add_edges(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow);
+  void gather_edges(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
+                    std::int32_t alpha, std::span<const Capacity> flow);
+  void build();
   template <typename Cost>
   void keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const;
   std::int64_t deficits() const;
   std::int64_t gain_bound() const;
 
   static constexpr std::int32_t kHasAlpha = -1;
-  static constexpr std::int32_t kNoArc = -1;
-  static constexpr std::size_t kFlowMemory = std::size_t{32} << 20;  // bytes; labels beyond start from no flow
+  static constexpr std::size_t kFlowMemory = std::size_t{32}
+                                             << 20;  // bytes; labels beyond start from no flow
 
-  // Flow along an edge of the given ends as far as its capacities allow: `weight` each way, or only backward.
-  static Capacity clamped(Capacity flow, Capacity weight, bool equal_labels) {
-    return std::clamp<Capacity>(flow, static_cast<Capacity>(-weight), equal_labels ? weight : Capacity{0});
-  }
+  // An edge between two nodes of the cut, with what the flow so far leaves of its capacities.
+  struct Edge {
+    std::int32_t index;  // in the problem
+    std::int32_t u;
+    std::int32_t v;
+    Capacity forward;
+    Capacity backward;
+  };
 
   FlowSolver<Capacity> solver_;
   LabelHubs<Capacity> hubs_;
   std::vector<std::int32_t> node_of_site_;  // or kHasAlpha
   std::vector<std::int32_t> site_of_node_;
   std::vector<std::int32_t> label_of_node_;
-  std::vector<std::int64_t> hub_cost_;  // per label: its cost if it is in use and not alpha
+  std::vector<std::int64_t> hub_cost_;        // per label: its cost if it is in use and not alpha
   std::vector<std::vector<Capacity>> flows_;  // per label: the last move's flow along every edge
-  std::vector<std::int32_t> arc_of_edge_;     // or kNoArc
+  std::vector<Edge> edges_;
+  std::vector<std::int32_t> arc_of_edge_;     // as edges_
   std::vector<std::int32_t> switched_;
 };
 
@@ -82,7 +92,6 @@ void ExpansionMove<Capacity>::begin(const BasicLabelingProblem<Cost>& problem) {
   const auto label_count = static_cast<std::size_t>(problem.label_count);
   flows_.resize(std::min(label_count, kFlowMemory / (edge_count * sizeof(Capacity)) + 1));
   for (auto& flow : flows_) flow.clear();
-  arc_of_edge_.resize(problem.indices.size());
 }
 
 template <typename Capacity>
@@ -102,9 +111,9 @@ std::int64_t ExpansionMove<Capacity>::find(const BasicLabelingProblem<Cost>& pro
   std::vector<Capacity>& flow = flows_[std::min(static_cast<std::size_t>(alpha), flows_.size() - 1)];
   if (flow.empty()) flow.assign(problem.indices.size(), 0);
   gather_sites(problem, labels, alpha);
-  add_terminals(problem, flow);
+  gather_edges(problem, labels, alpha, flow);
   if (gain_bound() <= price) return 0;
-  add_edges(problem, flow);
+  build();
 
   // Keeping everything cuts every deficit; the minimum cut is as large as the flow.
   const std::int64_t keep_all = deficits();
@@ -158,64 +167,63 @@ void ExpansionMove<Capacity>::gather_sites(const BasicLabelingProblem<Cost>& pro
   }
 }
 
+// Costs at single sites go to their excess; edges between sites are listed, for there may be no need to build them.
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::add_terminals(const BasicLabelingProblem<Cost>& problem,
-                                            std::span<const Capacity> flow) {
+void ExpansionMove<Capacity>::gather_edges(const BasicLabelingProblem<Cost>& problem,
+                                           std::span<const std::int32_t> labels, std::int32_t alpha,
+                                           std::span<const Capacity> flow) {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
+  edges_.resize(problem.indices.size());
+  std::size_t count = 0;
   for (std::size_t i = 0; i < problem.site_count(); ++i) {
+    const std::int32_t label = labels[i];
     const std::int32_t u = node_of_site_[i];
     Capacity from_u = 0;
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
-      const std::int32_t v = node_of_site_[static_cast<std::size_t>(problem.indices[e])];
-      if (u == v) continue;
+    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
+         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
+      const auto j = static_cast<std::size_t>(problem.indices[e]);
+      const std::int32_t v = node_of_site_[j];
       const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
-      if (u == kHasAlpha) {
-        solver_.excess(static_cast<std::size_t>(v)) -= weight;
-      } else if (v == kHasAlpha) {
+      if (labels[j] == alpha) {
         from_u += weight;
-      } else {
-        solver_.count_edge(u, v);
-        const bool equal =
-            label_of_node_[static_cast<std::size_t>(u)] == label_of_node_[static_cast<std::size_t>(v)];
-        const Capacity along = clamped(flow[e], weight, equal);
-        from_u += equal ? along : along + weight;
+      } else if (label == alpha) {
+        solver_.excess(static_cast<std::size_t>(v)) -= weight;
+      } else if (u != v) {
+        const bool equal = label == labels[j];
+        const Capacity most = equal ? weight : 0;
+        const Capacity along = std::clamp<Capacity>(flow[e], -weight, most);
+        from_u += weight - most + along;
         solver_.excess(static_cast<std::size_t>(v)) += along;
+        edges_[count++] = {static_cast<std::int32_t>(e), u, v, static_cast<Capacity>(most - along),
+                           static_cast<Capacity>(weight + along)};
       }
     }
     if (u != kHasAlpha) solver_.excess(static_cast<std::size_t>(u)) -= from_u;
   }
+  edges_.resize(count);
 }
 
 template <typename Capacity>
-template <typename Cost>
-void ExpansionMove<Capacity>::add_edges(const BasicLabelingProblem<Cost>& problem, std::span<const Capacity> flow) {
-  const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
-  std::fill(arc_of_edge_.begin(), arc_of_edge_.end(), kNoArc);
+void ExpansionMove<Capacity>::build() {
+  for (const Edge& edge : edges_) solver_.count_edge(edge.u, edge.v);
   solver_.allocate();
-  for (std::size_t u = 0; u < site_of_node_.size(); ++u) {
-    const auto i = static_cast<std::size_t>(site_of_node_[u]);
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
-      const std::int32_t v = node_of_site_[static_cast<std::size_t>(problem.indices[e])];
-      if (v == kHasAlpha || v == static_cast<std::int32_t>(u)) continue;
-      const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
-      const bool equal = label_of_node_[u] == label_of_node_[static_cast<std::size_t>(v)];
-      const Capacity along = clamped(flow[e], weight, equal);
-      arc_of_edge_[e] = solver_.add_edge(static_cast<std::int32_t>(u), v, (equal ? weight : Capacity{0}) - along,
-                                         weight + along);
-    }
+  arc_of_edge_.resize(edges_.size());
+  for (std::size_t k = 0; k < edges_.size(); ++k) {
+    const Edge& edge = edges_[k];
+    arc_of_edge_[k] = solver_.add_edge(edge.u, edge.v, edge.forward, edge.backward);
   }
 }
-// An edge's arc starts with weight + flow backward, whatever the labels.
+
+// The capacity backward is the weight, whatever the labels; flow along the edge adds to what is left of it.
 template <typename Capacity>
 template <typename Cost>
-void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const {
+void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem,
+                                        std::span<Capacity> flow) const {
   const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
-  for (std::size_t e = 0; e < flow.size(); ++e) {
-    if (arc_of_edge_[e] == kNoArc) continue;
-    flow[e] = solver_.arc(arc_of_edge_[e]).backward - static_cast<Capacity>(problem.weight[e * stride]);
+  for (std::size_t k = 0; k < edges_.size(); ++k) {
+    const auto e = static_cast<std::size_t>(edges_[k].index);
+    flow[e] = solver_.arc(arc_of_edge_[k]).backward - static_cast<Capacity>(problem.weight[e * stride]);
   }
 }
 
@@ -227,8 +235,8 @@ std::int64_t ExpansionMove<Capacity>::deficits() const {
   return sum;
 }
 
-// No move gains more than this: edges between sites count nothing, and a label is either switched where that pays, or
-// wiped out at the price of all its sites.
+// No move gains more than this: edges between sites count nothing, and a label is either switched where that
+// pays, or wiped out at the price of all its sites.
 template <typename Capacity>
 std::int64_t ExpansionMove<Capacity>::gain_bound() const {
   std::vector<std::int64_t> excess(hub_cost_.size(), 0);
@@ -241,7 +249,8 @@ std::int64_t ExpansionMove<Capacity>::gain_bound() const {
       excess[static_cast<std::size_t>(label_of_node_[v])] += value;
     }
   }
-  for (std::size_t l = 0; l < hub_cost_.size(); ++l) bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l]);
+  for (std::size_t l = 0; l < hub_cost_.size(); ++l)
+    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l]);
   return bound;
 }
 

@@ -1,9 +1,9 @@
 // Maximum flow by incremental breadth-first search, on graphs whose nodes carry an excess or a deficit.
 //
-// Source: Goldberg, Hed, Kaplan, Tarjan, Werneck, "Maximum Flows by Incremental Breadth-First Search", ESA 2011.
-// Two forests of shortest residual paths are grown level by level: one from the nodes with excess (the source's
-// side), one towards the nodes with a deficit (the sink's).  Where they meet, flow is pushed from root to root;
-// nodes cut off by saturated arcs look for a new parent on the lowest possible level.
+// Source: Goldberg, Hed, Kaplan, Tarjan, Werneck, "Maximum Flows by Incremental Breadth-First Search", ESA
+// 2011. Two forests of shortest residual paths are grown level by level: one from the nodes with excess (the
+// source's side), one towards the nodes with a deficit (the sink's).  Where they meet, flow is pushed from
+// root to root; nodes cut off by saturated arcs look for a new parent on the lowest possible level.
 #pragma once
 
 #include <algorithm>
@@ -79,13 +79,13 @@ class FlowSolver {
   // Once after the graph and the excesses stand.
   void start();
 
-  // Pushes flow from excesses to deficits until it is a maximum flow, or is at least `enough` at the end of a pass;
-  // then it can be called again for more.  Returns the flow since start().
+  // Pushes flow from excesses to deficits until it is a maximum flow, or is at least `enough` at the end of a
+  // pass; then it can be called again for more.  Returns the flow since start().
   std::int64_t maximise(std::int64_t enough = std::numeric_limits<std::int64_t>::max());
   bool is_maximum() const { return sink_.frontier.empty(); }
 
-  // Of a maximum flow: whether a deficit can still be reached from v.  This is the minimum cut with the fewest nodes
-  // on the sink's side.
+  // Of a maximum flow: whether a deficit can still be reached from v.  This is the minimum cut with the
+  // fewest nodes on the sink's side.
   bool on_sink_side(std::size_t v) const { return distance_[v] < 0; }
 
  private:
@@ -147,11 +147,12 @@ class FlowSolver {
   template <Side side>
   void place(std::int32_t v, std::int32_t level);
 
-  std::vector<std::int32_t> first_;     // rows of arcs_, nodes + 2
+  std::vector<std::int32_t> first_;  // rows of arcs_, nodes + 2
   std::vector<Arc> arcs_;
   std::vector<Capacity> excess_;
-  std::vector<std::int32_t> distance_;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
-  std::vector<std::int32_t> parent_;    // arc to the parent, kRoot or kOrphan
+  std::vector<std::int32_t>
+      distance_;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
+  std::vector<std::int32_t> parent_;  // arc to the parent, kRoot or kOrphan
   std::vector<std::int32_t> next_orphan_;
   std::vector<std::int32_t> orphans_;   // per level: head of a list through next_orphan_
   std::vector<std::int32_t> detached_;  // orphans that cannot stay on their level
@@ -174,7 +175,7 @@ template <typename Capacity>
 std::int64_t FlowSolver<Capacity>::maximise(std::int64_t enough) {
   // The sink's forest is always completed, so that the cut does not depend on which side ends first.
   while (!is_maximum() && flow_ < enough) {
-    if (!source_.frontier.empty() && source_.frontier.size() <= sink_.frontier.size()) {
+    if (!source_.frontier.empty() && source_.depth <= sink_.depth) {
       grow<Side::source>();
     } else {
       grow<Side::sink>();
@@ -227,7 +228,8 @@ void FlowSolver<Capacity>::grow() {
   const std::int32_t here = signed_level<side>(self.depth);
   const std::int32_t below = signed_level<side>(self.depth + 1);
   self.limit = self.depth + 1;
-  if (orphans_.size() < static_cast<std::size_t>(self.limit) + 1) orphans_.resize(2 * orphans_.size() + 1, kNone);
+  if (orphans_.size() < static_cast<std::size_t>(self.limit) + 1)
+    orphans_.resize(2 * orphans_.size() + 1, kNone);
   for (std::size_t k = 0; k < self.frontier.size(); ++k) {  // adoption may lengthen the frontier
     const std::int32_t v = self.frontier[k];
     for (std::int32_t a = arcs_begin(v); a < arcs_end(v) && distance(v) == here;) {
@@ -312,8 +314,9 @@ void FlowSolver<Capacity>::list_at_level(std::int32_t v, std::int32_t level) {
 }
 
 // Orphans first look for another parent one level up, from the lowest level on: whoever could be one has been
-// settled before.  Those without one are detached with their subtrees, and only then placed anew, nearest first:
-// relabelling them one by one would let a cut-off region count up level by level on its own stale labels.
+// settled before.  Those without one are detached with their subtrees, and only then placed anew, nearest
+// first: relabelling them one by one would let a cut-off region count up level by level on its own stale
+// labels.
 template <typename Capacity>
 template <typename FlowSolver<Capacity>::Side side>
 void FlowSolver<Capacity>::adopt_orphans() {
@@ -356,7 +359,8 @@ void FlowSolver<Capacity>::detach(std::int32_t v) {
   detached_.push_back(v);
 }
 
-// Breadth-first over the detached nodes, every one starting at the level that the rest of the forest offers it.
+// Breadth-first over the detached nodes, every one starting at the level that the rest of the forest offers
+// it.
 template <typename Capacity>
 template <typename FlowSolver<Capacity>::Side side>
 void FlowSolver<Capacity>::place_detached() {

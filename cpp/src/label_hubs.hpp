@@ -1,16 +1,19 @@
 // Label costs in an expansion move: which labels does it pay to wipe out?
 //
-// A label l of cost h_l > 0 stops costing only when all its sites switch.  In the cut of Delong et al. (IJCV 2012)
-// that is a hub node with an arc of capacity h_l to the sink and infinite arcs from every site of l.  In one cut
-// with everything else, such hubs make augmenting-path search crawl.  Here they come second:
+// A label l of cost h_l > 0 stops costing only when all its sites switch.  In the cut of Delong et al. (IJCV
+// 2012) that is a hub node with an arc of capacity h_l to the sink and infinite arcs from every site of l. In
+// one cut with everything else, such hubs make augmenting-path search crawl.  Here they come second:
 //
 // - The cut without hubs is solved first.  Label costs only favour switching, so whatever it switches stays
-//   switched in some optimum with hubs.  What remains has supplies (excess that wants its site kept) and no demand.
-// - Each hub is then a demand of h_l that any site of l can serve.  Where the sites' own excess serves all of them,
+//   switched in some optimum with hubs.  What remains has supplies (excess that wants its site kept) and no
+//   demand.
+// - Each hub is then a demand of h_l that any site of l can serve.  Where the sites' own excess serves all of
+// them,
 //   which large labels do, nothing more can be gained and no path is searched.
-// - Else the hubs are filled by blocking flows over shortest paths (Dinic 1970), searched from the unserved hubs; a
-//   hub is scanned once per phase.  Flow may also go through a hub: from a site of l into it, and back out to a
-//   site that had served it.  Whatever can still reach an unserved hub in the end switches.
+// - Else the hubs are filled by blocking flows over shortest paths (Dinic 1970), searched from the unserved
+// hubs; a
+//   hub is scanned once per phase.  Flow may also go through a hub: from a site of l into it, and back out to
+//   a site that had served it.  Whatever can still reach an unserved hub in the end switches.
 #pragma once
 
 #include <algorithm>
@@ -26,15 +29,16 @@ namespace emseg {
 template <typename Capacity>
 class LabelHubs {
  public:
-  // After solver.maximise(): takes in how much excess the kept sites of every label have.  node_label has one entry
-  // per node; cost one per label, 0 where no hub is wanted.
+  // After solver.maximise(): takes in how much excess the kept sites of every label have.  node_label has one
+  // entry per node; cost one per label, 0 where no hub is wanted.
   void survey(const FlowSolver<Capacity>& solver, std::span<const std::int32_t> node_label,
               std::span<const std::int64_t> cost);
 
   // No wipe-out that the cut without hubs leaves open can gain more than this.
   std::int64_t gain_bound() const;
 
-  // The exact gain of the best wipe-outs.  switches(v) then tells the sites that they switch on top of the cut's.
+  // The exact gain of the best wipe-outs.  switches(v) then tells the sites that they switch on top of the
+  // cut's.
   std::int64_t fill(FlowSolver<Capacity>& solver);
   bool switches(std::size_t v) const { return level_[v] >= 0; }
 
@@ -95,7 +99,8 @@ void LabelHubs<Capacity>::survey(const FlowSolver<Capacity>& solver, std::span<c
 template <typename Capacity>
 std::int64_t LabelHubs<Capacity>::gain_bound() const {
   std::int64_t bound = 0;
-  for (std::size_t l = 0; l < demand_.size(); ++l) bound += std::max<std::int64_t>(0, demand_[l] - supply_[l]);
+  for (std::size_t l = 0; l < demand_.size(); ++l)
+    bound += std::max<std::int64_t>(0, demand_[l] - supply_[l]);
   return bound;
 }
 
@@ -120,14 +125,16 @@ void LabelHubs<Capacity>::list_sites(const FlowSolver<Capacity>& solver) {
   sites_begin_.assign(kept_.size() + 1, 0);
   for (std::size_t l = 0; l < kept_.size(); ++l) sites_begin_[l + 1] = sites_begin_[l] + kept_[l];
   sites_.resize(static_cast<std::size_t>(sites_begin_.back()));
-  for (std::size_t l = 0; l < kept_.size(); ++l) cursor(node_count_ + static_cast<std::int32_t>(l)) = sites_begin_[l];
+  for (std::size_t l = 0; l < kept_.size(); ++l)
+    cursor(node_count_ + static_cast<std::int32_t>(l)) = sites_begin_[l];
   for (std::int32_t v = 0; v < node_count_; ++v) {
-    if (!solver.on_sink_side(static_cast<std::size_t>(v))) sites_[static_cast<std::size_t>(cursor(hub_of(v))++)] = v;
+    if (!solver.on_sink_side(static_cast<std::size_t>(v)))
+      sites_[static_cast<std::size_t>(cursor(hub_of(v))++)] = v;
   }
 }
 
-// Where a label has more than its hub takes, every site gives its share, so that none runs dry and no later path
-// need go through the hub.
+// Where a label has more than its hub takes, every site gives its share, so that none runs dry and no later
+// path need go through the hub.
 template <typename Capacity>
 void LabelHubs<Capacity>::serve_from_own_sites(FlowSolver<Capacity>& solver) {
   for (std::size_t l = 0; l < demand_.size(); ++l) {
@@ -145,8 +152,8 @@ void LabelHubs<Capacity>::serve_from_own_sites(FlowSolver<Capacity>& solver) {
   }
 }
 
-// Breadth-first from the unserved hubs against the flow, up to the nearest level with excess; false if there is
-// none, and then everything that can reach an unserved hub has been seen.
+// Breadth-first from the unserved hubs against the flow, up to the nearest level with excess; false if there
+// is none, and then everything that can reach an unserved hub has been seen.
 template <typename Capacity>
 bool LabelHubs<Capacity>::search(const FlowSolver<Capacity>& solver) {
   for (const std::int32_t vertex : seen_) level(vertex) = kUnseen;
@@ -161,7 +168,8 @@ bool LabelHubs<Capacity>::search(const FlowSolver<Capacity>& solver) {
     if (goal != kUnseen && next > goal) break;
     if (is_hub(vertex)) {
       const std::size_t l = label_of(vertex);
-      for (std::int32_t s = sites_begin_[l]; s < sites_begin_[l + 1]; ++s) visit(solver, sites_[static_cast<std::size_t>(s)], next);
+      for (std::int32_t s = sites_begin_[l]; s < sites_begin_[l + 1]; ++s)
+        visit(solver, sites_[static_cast<std::size_t>(s)], next);
       continue;
     }
     const auto v = static_cast<std::size_t>(vertex);
@@ -171,7 +179,8 @@ bool LabelHubs<Capacity>::search(const FlowSolver<Capacity>& solver) {
     }
     for (std::int32_t a = solver.arcs_begin(vertex); a < solver.arcs_end(vertex); ++a) {
       const auto& arc = solver.arc(a);
-      if (arc.backward > 0 && !solver.on_sink_side(static_cast<std::size_t>(arc.head))) visit(solver, arc.head, next);
+      if (arc.backward > 0 && !solver.on_sink_side(static_cast<std::size_t>(arc.head)))
+        visit(solver, arc.head, next);
     }
     if (served_[v] > 0) visit(solver, hub_of(vertex), next);
   }

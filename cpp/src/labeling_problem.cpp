@@ -97,7 +97,8 @@ std::int64_t check_problem(const BasicLabelingProblem<Cost>& problem) {
     least = std::min(least, cost);
     most = std::max(most, cost);
   }
-  if (least == std::numeric_limits<std::int64_t>::min()) fail("unary holds -2^63, expected at most 2^62 in magnitude");
+  if (least == std::numeric_limits<std::int64_t>::min())
+    fail("unary holds -2^63, expected at most 2^62 in magnitude");
   const std::int64_t sites = static_cast<std::int64_t>(problem.site_count());
   CheckedSum range("the range of the data costs");
   range.add(most);
@@ -112,8 +113,8 @@ std::int64_t check_problem(const BasicLabelingProblem<Cost>& problem) {
     for (const Cost weight : problem.weight) total.add(weight);
   }
   for (std::size_t i = 0; i < problem.site_count(); ++i) {
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
+    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
+         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
       const auto j = static_cast<std::size_t>(problem.indices[e]);
       if (i == j) continue;
       weight_at[i] += problem.weight[e * stride];
@@ -155,9 +156,10 @@ std::int64_t evaluate(const BasicLabelingProblem<Cost>& problem, std::span<const
     const auto own = static_cast<std::size_t>(labels[i]);
     used[own] = true;
     energy += problem.unary[i * label_count + own];
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]); e < static_cast<std::size_t>(problem.indptr[i + 1]);
-         ++e) {
-      if (labels[static_cast<std::size_t>(problem.indices[e])] != labels[i]) energy += problem.weight[e * stride];
+    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
+         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
+      if (labels[static_cast<std::size_t>(problem.indices[e])] != labels[i])
+        energy += problem.weight[e * stride];
     }
   }
   for (std::int32_t l = 0; l < problem.label_count; ++l) {

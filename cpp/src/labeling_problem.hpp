@@ -8,8 +8,8 @@
 
 namespace emseg {
 
-// Checks shapes, indices, signs and totals; throws std::invalid_argument.  Returns the largest capacity that an
-// expansion move can meet: the range of the data costs plus twice the weights at any one site.
+// Checks shapes, indices, signs and totals; throws std::invalid_argument.  Returns the largest capacity that
+// an expansion move can meet: the range of the data costs plus twice the weights at any one site.
 template <typename Cost>
 std::int64_t check_problem(const BasicLabelingProblem<Cost>& problem);
 

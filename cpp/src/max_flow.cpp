@@ -70,7 +70,8 @@ MaxFlowResult max_flow(const FlowGraph& graph) {
                                 " nodes, expected less than 2^31 - 1");
   }
   if (edge_count > static_cast<std::size_t>(kMax32 / 2)) {
-    throw std::invalid_argument("the graph has " + std::to_string(edge_count) + " edges, expected less than 2^30");
+    throw std::invalid_argument("the graph has " + std::to_string(edge_count) +
+                                " edges, expected less than 2^30");
   }
   check_length("sink", graph.sink.size(), node_count, "node");
   check_length("head", graph.head.size(), edge_count, "edge");

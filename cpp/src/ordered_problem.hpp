@@ -46,7 +46,8 @@ OrderedProblem<Cost>::OrderedProblem(const BasicLabelingProblem<Cost>& original)
   const auto label_count = static_cast<std::size_t>(label_count_);
   std::vector<std::int32_t> tail(original.indices.size());
   for (std::size_t i = 0; i < site_count; ++i) {
-    std::fill(tail.begin() + original.indptr[i], tail.begin() + original.indptr[i + 1], static_cast<std::int32_t>(i));
+    std::fill(tail.begin() + original.indptr[i], tail.begin() + original.indptr[i + 1],
+              static_cast<std::int32_t>(i));
   }
   order_ = local_order(site_count, tail, original.indices);
 
@@ -63,7 +64,8 @@ OrderedProblem<Cost>::OrderedProblem(const BasicLabelingProblem<Cost>& original)
   const bool one_weight = original.weight.size() == 1;
   indptr_.assign(site_count + 2, 0);
   auto ends = [&](std::size_t e) {
-    return std::minmax({place[static_cast<std::size_t>(tail[e])], place[static_cast<std::size_t>(original.indices[e])]});
+    return std::minmax(
+        {place[static_cast<std::size_t>(tail[e])], place[static_cast<std::size_t>(original.indices[e])]});
   };
   for (std::size_t e = 0; e < tail.size(); ++e) {
     if (tail[e] != original.indices[e]) ++indptr_[static_cast<std::size_t>(ends(e).first) + 2];

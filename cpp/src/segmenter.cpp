@@ -264,6 +264,7 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
     }
     if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
   }
+  window_options_.max_speed = options_.bounds.speed;
   plane_ = image_plane(size_, undistortion_ ? &*undistortion_ : nullptr);
 }
 
@@ -344,8 +345,46 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   result.energy = alternation.energy();
   result.energy_trace = alternation.trace();
   result.reference_sharpness = alternation.reference();
+  result.next_duration_us = next_duration(events.t.back() - events.t.front(),
+                                          typical_displacement(points, result), window_options_);
   clock.lap("background");
   return result;
+}
+
+std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, std::int64_t duration_us) {
+  if (begin >= events.size()) {
+    throw std::invalid_argument("a window begins with event " + std::to_string(begin) + " of " +
+                                std::to_string(events.size()));
+  }
+  if (duration_us <= 0) duration_us = judge_duration(events, begin, size_, window_options_, pool_);
+  const auto first = events.t.begin() + static_cast<std::ptrdiff_t>(begin);
+  const auto end = static_cast<std::size_t>(std::lower_bound(first, events.t.end(), events.t[begin] + duration_us) -
+                                            events.t.begin());
+  return std::clamp(end, begin + 1, begin + window_options_.max_events);
+}
+
+double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {
+  // Of every event along its label's motion, over the window.
+  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
+  std::vector<double> lengths;
+  lengths.reserve(points.size());
+  const auto duration = static_cast<float>(std::max(window, 1e-6));
+  for (std::size_t l = 0; l < result.models.size(); ++l) {
+    std::visit(
+        [&](const auto& model) {
+          const typename std::decay_t<decltype(model)>::Warp warp(model, frame_);
+          for (std::size_t k = 0; k < points.size(); ++k) {
+            if (result.labels[k] != static_cast<std::int32_t>(l)) continue;
+            const Vec2f to = warp(points.x[k], points.y[k], duration);
+            lengths.push_back(std::hypot(to.x - points.x[k], to.y - points.y[k]));
+          }
+        },
+        result.models[l]);
+  }
+  if (lengths.empty()) return 0;
+  const auto rank = static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
+  std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
+  return lengths[static_cast<std::size_t>(rank)];
 }
 
 }  // namespace emseg

@@ -64,7 +64,7 @@ class Config(BaseModel):
         30.0, "Potts weight: cost of an edge of the event graph with two labels", source=_EMSGC, ge=0, le=1e6
     )
     lambda_label: Annotated[float | None, Field(ge=0, le=1e12)] = _setting(
-        None, "Cost of a label that is used; null: grows with the window, 0.7 an event", source=_EMSGC
+        None, "Cost of a label that is used; null: grows with the window, 0.2 an event", source=_EMSGC
     )
     bracket_row: int = _setting(
         6, "Most rows of sub-volumes at which motions are searched", source=_EMSGC, ge=1, le=32

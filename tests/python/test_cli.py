@@ -10,6 +10,7 @@ import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 from typing import Any
@@ -320,11 +321,13 @@ def test_progress_on_a_terminal(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, "segment", str(source), "--out", str(tmp_path / "out")]
     environment = os.environ | {"PYTHONPATH": f"{PYTHON}{os.pathsep}{HERE}", "TERM": "xterm"}
     terminal, other_end = pty.openpty()
+    termios.tcsetwinsize(other_end, (24, 100))
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=other_end)
-    os.close(other_end)
     output, _ = process.communicate(timeout=30)
+    os.set_blocking(terminal, False)
     shown = os.read(terminal, 65536).decode()
     os.close(terminal)
+    os.close(other_end)
     assert process.returncode == 0
     assert "a.npz" in shown
     assert "1.20k" in shown

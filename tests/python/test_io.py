@@ -13,7 +13,7 @@ import pytest
 
 import emseg.io
 from emseg.events import EventArray
-from emseg.io import ReadError, aedat4, registry, text
+from emseg.io import ReadError, aedat4, registry
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 EVENTS = EventArray(
@@ -26,14 +26,6 @@ def shared(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"needs the recording ../shared/data/{name}")
     return path
-
-
-@pytest.fixture(params=["pandas", "numpy"])
-def _parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param == "pandas":
-        pytest.importorskip("pandas")
-    parser = getattr(text, f"_parse_with_{request.param}")
-    monkeypatch.setattr(text, "_fastest_parser", lambda: parser)
 
 
 def columns(events: EventArray = EVENTS) -> dict[str, Any]:
@@ -111,7 +103,6 @@ def test_bad_npz(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
 # Text
 
 
-@pytest.mark.usefixtures("_parser")
 @pytest.mark.parametrize(
     "content",
     [
@@ -121,6 +112,7 @@ def test_bad_npz(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
         "x,y,timestamp,polarity\r\n0,5,100,1\r\n3,4,200,0\r\n239,179,200,1\r\n1,0,3000000,1\r\n",
         "t;x;y;p;extra\n100;0;5;1;7\n200;3;4;0;7\n200;239;179;1;7\n3000000;1;0;1;7\n",
         "\ufeff100\t0\t5\t1\n# between\n200\t3\t4\t0\n200\t239\t179\t1\n\n3000000\t1\t0\t1\n",
+        "100 0.0 5 1\n200 3 4 0\n200 239 179 1\n3000000 1 0 1\n",
         "  1e-4   0 5  1  \n 2e-4 3 4 0\n2e-4 239.0 179 1\n  3. 1 0 1\n",
     ],
 )
@@ -130,7 +122,6 @@ def test_text(tmp_path: Path, content: str) -> None:
     assert emseg.io.read(path) == EVENTS
 
 
-@pytest.mark.usefixtures("_parser")
 def test_text_with_signed_polarities_and_large_times(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("1589163147368868 1 2 -1\n1589163147368869 1 2 1\n")
@@ -140,13 +131,11 @@ def test_text_with_signed_polarities_and_large_times(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.usefixtures("_parser")
 def test_text_may_hold_no_events(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("# t x y p\n346 260\n")
     assert emseg.io.read(tmp_path / "a.txt") == EventArray([], [], [], [], width=346, height=260)
 
 
-@pytest.mark.usefixtures("_parser")
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -12,6 +12,7 @@ namespace emseg {
 // How a label lies in the image: tiles that it holds, and how widely they are spread.
 struct LabelExtent {
   int tiles = 0;       // 16 px tiles in which the label has most events, three or more
+  double share = 0;    // of all tiles of the sensor
   double spread = 0;   // area of their standard ellipse over that of tiles all over the sensor: 0..about 1
 };
 

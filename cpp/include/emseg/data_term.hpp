@@ -10,9 +10,11 @@
 
 namespace emseg {
 
+// With g = min(1, G / G_ref):
 enum class DataTerm {
-  published,    // 255 (1 - G / G_ref), G_ref the largest pixel of any model's image
-  logarithmic,  // 60 log((G_ref + 0.15) / (G + 0.15)) within 0..255, G_ref the 95 % quantile over the events of their best G
+  published,    // 255 (1 - g), G_ref the largest pixel of any model's image
+  logarithmic,  // 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, G_ref the 95 % quantile over the events of
+                // the best G that any model gives them: a log-likelihood ratio, and one hot pixel moves nothing
 };
 
 // Throws std::invalid_argument that lists the known names.

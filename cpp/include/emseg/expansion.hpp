@@ -10,8 +10,8 @@
 namespace emseg {
 
 // E(L) = sum_k unary[k, L_k] + sum_e weight_e [L_i(e) != L_j(e)] + sum_l label_cost_l [l is used]
-// in 64-bit integers.  Each stored entry of the compressed rows is one edge, in either direction; an edge from a
-// site to itself costs nothing.
+// in 64-bit integers.  Each stored entry of the compressed rows is one edge, in either direction; an edge
+// from a site to itself costs nothing.
 template <typename Cost>
 struct BasicLabelingProblem {
   std::int32_t label_count = 0;
@@ -31,12 +31,12 @@ using LabelingProblem = BasicLabelingProblem<std::int32_t>;      // the hot path
 using WideLabelingProblem = BasicLabelingProblem<std::int64_t>;  // costs that need 64 bits: half the speed
 
 struct ExpansionOptions {
-  int max_sweeps = 2;  // sweeps over all labels (NUM_ITER_LABELING of the published code); ends early once every
-                       // label in turn has brought nothing
+  int max_sweeps = 2;  // sweeps over all labels (NUM_ITER_LABELING of the published code); ends early once
+                       // every label in turn has brought nothing
 };
 
 struct ExpansionResult {
-  std::vector<std::int32_t> labels;        // sites
+  std::vector<std::int32_t> labels;  // sites
   std::int64_t energy = 0;
   std::vector<std::int64_t> energy_trace;  // before the first sweep, then after each
 };
@@ -61,10 +61,10 @@ class ExpansionWorkspace {
 std::int64_t labeling_energy(const LabelingProblem& problem, std::span<const std::int32_t> labels);
 std::int64_t labeling_energy(const WideLabelingProblem& problem, std::span<const std::int32_t> labels);
 
-// Expansion moves over all labels in turn (Boykov, Veksler, Zabih 2001) with label costs (Delong et al. 2012).
-// Every move is the best of its kind, and the energy never rises.  An empty `initial` starts from each site's
-// cheapest label.
-// Throws std::invalid_argument where shapes, labels or costs do not fit, or where the energy could overflow.
+// Expansion moves over all labels in turn (Boykov, Veksler, Zabih 2001) with label costs (Delong et al.
+// 2012). Every move is the best of its kind, and the energy never rises.  An empty `initial` starts from each
+// site's cheapest label. Throws std::invalid_argument where shapes, labels or costs do not fit, or where the
+// energy could overflow.
 ExpansionResult expansion(const LabelingProblem& problem, std::span<const std::int32_t> initial,
                           const ExpansionOptions& options, ExpansionWorkspace& workspace);
 ExpansionResult expansion(const WideLabelingProblem& problem, std::span<const std::int32_t> initial,

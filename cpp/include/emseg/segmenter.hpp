@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "emseg/adaptive_window.hpp"
 #include "emseg/camera.hpp"
 #include "emseg/event_graph.hpp"
 #include "emseg/expansion.hpp"
@@ -18,7 +19,7 @@ struct SegmenterOptions {
   double lambda_data = 1;                   // weight of the data term
   double lambda_smooth = 30;                // Potts cost of an edge between two labels
   std::optional<double> lambda_label;       // cost of a used label; none: lambda_label_per_event times the events
-  double lambda_label_per_event = 0.7;
+  double lambda_label_per_event = 0.2;
   int bracket_row = 6, bracket_col = 6;     // sub-volumes of the pool
   MotionBounds bounds;                      // Affine_trans2d_max, Affine_scale_max, Affine_theta_max
   std::vector<MotionKind> kinds{MotionKind::translation, MotionKind::similarity};  // HybridModelCombination
@@ -41,6 +42,7 @@ struct Segmentation {
   std::int64_t energy = 0;            // of the labels before noise was marked
   std::vector<std::int64_t> energy_trace;
   double reference_sharpness = 0;     // G_ref of the data term, fixed for the window
+  std::int64_t next_duration_us = 0;  // that a window after this one should have, by the motion found in this one
   std::vector<std::pair<std::string, double>> timings;  // stage, seconds
 };
 
@@ -60,15 +62,22 @@ class Segmenter {
   // Throws std::invalid_argument where the events are not valid (see check_events) or the prior does not fit.
   Segmentation segment(const EventView& events, const WindowPrior& prior = {});
 
+  // One past the last event of a window of this duration from event `begin` on; a duration of 0 is judged from the
+  // events.  Throws std::invalid_argument where `begin` is not an event.
+  std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
+
   const WarpFrame& frame() const { return frame_; }
   ImageSize size() const { return size_; }
 
  private:
+  double typical_displacement(const PointView& points, const Segmentation& result) const;
+
   ImageSize size_;
   std::optional<UndistortionTable> undistortion_;
   Region plane_;  // of the undistorted pixels
   WarpFrame frame_;
   SegmenterOptions options_;
+  AdaptiveWindowOptions window_options_;
   ThreadPool pool_;
   ExpansionWorkspace expansion_workspace_;
 };

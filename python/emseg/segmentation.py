@@ -1,0 +1,322 @@
+"""Segmentation of windows and of whole recordings: the engine's public face."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from emseg import _core
+from emseg.camera import Camera
+from emseg.config import Config
+from emseg.events import EventArray
+from emseg.motion import MotionModel, iwe, warp
+from emseg.tracking import BOX_DTYPE, Tracker, bounding_box
+
+__all__ = ["Segmentation", "Segmenter", "segment"]
+
+# HybridModelCombination as the motion models that a label may have.
+_KINDS: Final[dict[str, list[str]]] = {
+    "2d": ["translation"],
+    "3d": ["rotation"],
+    "4d": ["similarity"],
+    "2d+3d": ["translation", "rotation"],
+    "2d+4d": ["translation", "similarity"],
+    "3d+4d": ["rotation", "similarity"],
+    "all": ["translation", "rotation", "similarity"],
+    "affine": ["affine"],
+    "homography": ["homography"],
+    "auto": ["translation", "similarity", "affine"],
+}
+
+
+def engine_options(config: Config) -> _core.SegmenterOptions:
+    """The engine's settings of a config."""
+    return _core.SegmenterOptions(
+        data_term=config.data_term,
+        lambda_data=config.lambda_data,
+        lambda_smooth=config.lambda_smooth,
+        lambda_label=config.lambda_label,
+        bracket_row=config.bracket_row,
+        bracket_col=config.bracket_col,
+        affine_trans2d_max=config.affine_trans2d_max,
+        affine_scale_max=config.affine_scale_max,
+        affine_theta_max=config.affine_theta_max,
+        kinds=_KINDS[config.hybrid_model_combination],
+        num_iter_segmentation=config.num_iter_segmentation,
+        num_iter_labeling=config.num_iter_labeling,
+        sigma=config.sigma,
+        mark_noise=config.noise_label == "auto",
+        threads=config.threads,
+    )
+
+
+class Segmentation:
+    """What was found in one window of n events.
+
+    Attributes:
+        events: The window's events.
+        labels: int32 (n,): 0 the background (the camera's own motion), 1.. moving objects, -1 noise.  From
+            `Segmenter.run` the numbers above 0 are track ids; from `segment` they run from 1, largest first.
+        models: One MotionModel per label, the background's first; `model.label` is the label.
+        energy: Energy of the labelling, before events were marked as noise.
+        energy_trace: Energy after every step of the alternation; it never rises.
+        reference_sharpness: Sharpness that the data term calls free of cost.
+        timings: Wall-clock seconds per stage.
+        next_duration: Duration, µs, that the next window should have by the motion found in this one.
+        start: First event of the window in the recording.
+        stop: One past the last.
+        t_ref: Time that events are warped to, µs.
+        camera: The camera, if one was given.
+    """
+
+    def __init__(
+        self,
+        events: EventArray,
+        labels: npt.NDArray[np.int32],
+        models: Sequence[MotionModel],
+        *,
+        energy: float,
+        energy_trace: list[float],
+        reference_sharpness: float,
+        timings: dict[str, float],
+        t_ref: int,
+        next_duration: int,
+        start: int = 0,
+        camera: Camera | None = None,
+    ) -> None:
+        self.events = events
+        self.labels = labels
+        self.models = list(models)
+        self.energy = energy
+        self.energy_trace = energy_trace
+        self.reference_sharpness = reference_sharpness
+        self.timings = timings
+        self.t_ref = t_ref
+        self.next_duration = next_duration
+        self.start = start
+        self.stop = start + len(events)
+        self.camera = camera
+
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{m.label}: {int((self.labels == m.label).sum())}" for m in self.models)
+        return f"Segmentation({len(self.events)} events at {self.t_ref} µs; events by label {{{sizes}}})"
+
+    def model_of(self, label: int) -> MotionModel:
+        """The motion of a label.
+
+        Raises:
+            KeyError: no such label here.
+        """
+        for model in self.models:
+            if model.label == label:
+                return model
+        raise KeyError(f"no label {label}, there are {[model.label for model in self.models]}")
+
+    def events_of(self, label: int) -> EventArray:
+        """The events of a label, in time order."""
+        return self.events[self.labels == label]
+
+    def iwe(self, label: int | None = None, *, sigma: float = 1.0) -> npt.NDArray[np.float32]:
+        """Image of warped events, float32 (height, width).
+
+        Args:
+            label: Of this label's events under its motion; None: of all labels, each under its own.
+            sigma: Gaussian blur, px.
+
+        Raises:
+            KeyError: no such label here.
+        """
+        chosen = self.models if label is None else [self.model_of(label)]
+        image = np.zeros((self.events.height, self.events.width), np.float32)
+        for model in chosen:
+            assert model.label is not None
+            image += iwe(self.events_of(model.label), model, self.t_ref, sigma, camera=self.camera)
+        return image
+
+    def label_image(self) -> npt.NDArray[np.int32]:
+        """Label of the last event at every pixel, int32 (height, width); -1 where there is none."""
+        image = np.full((self.events.height, self.events.width), -1, np.int32)
+        image[self.events.y, self.events.x] = self.labels
+        return image
+
+    @cached_property
+    def boxes(self) -> npt.NDArray[Any]:
+        """Boxes of the moving labels at t_ref: structured array (track, x, y, w, h), px, by track."""
+        rows = []
+        for model in self.models:
+            if model.label is None or model.label <= 0:
+                continue
+            own = self.events_of(model.label)
+            if len(own):
+                rows.append((model.label, *bounding_box(warp(own, model, self.t_ref))))
+        return np.array(sorted(rows), dtype=BOX_DTYPE)
+
+
+class Segmenter:
+    """Segments recordings of one sensor, window after window.
+
+    Args:
+        width: Width of the sensor, px.
+        height: Height of the sensor, px.
+        camera: Undistorts events and gives rotations their intrinsics; optional.
+        config: Settings; the defaults need none.
+
+    Raises:
+        ValueError: the camera's size is not the sensor's, or a setting is out of range.
+    """
+
+    def __init__(
+        self, width: int, height: int, camera: Camera | None = None, config: Config | None = None
+    ) -> None:
+        self.width = width
+        self.height = height
+        self.camera = camera
+        self.config = config or Config()
+        native_camera = camera.to_native() if camera else None
+        self._engine = _core.Segmenter(width, height, engine_options(self.config), native_camera)
+
+    def segment(
+        self,
+        events: EventArray,
+        *,
+        pool: Sequence[MotionModel] = (),
+        candidates: Sequence[MotionModel] = (),
+        t_ref: int | None = None,
+    ) -> Segmentation:
+        """Segment one window, cold: the whole array given.
+
+        Args:
+            events: The window.
+            pool: The only motions to choose from (and to refine); empty: they are searched for.
+            candidates: Further candidates of the search, such as the last window's motions.
+            t_ref: Time to warp to, µs; the middle of the window if None.
+
+        Raises:
+            ValueError: the events' sensor is not this segmenter's.
+        """
+        if (events.width, events.height) != (self.width, self.height):
+            raise ValueError(
+                f"the events' sensor is {events.width}x{events.height}, the segmenter's {self.width}x{self.height}"
+            )
+        found = self._engine.segment(
+            events.x,
+            events.y,
+            events.t,
+            events.p,
+            t_ref,
+            [model.native() for model in pool],
+            [model.native() for model in candidates],
+        )
+        models = [
+            MotionModel(kind, params, label)  # type: ignore[arg-type]
+            for label, (kind, params) in enumerate(found.models)
+        ]
+        return Segmentation(
+            events,
+            found.labels,
+            models,
+            energy=float(found.energy),
+            energy_trace=[float(energy) for energy in found.energy_trace],
+            reference_sharpness=found.reference_sharpness,
+            timings=dict(found.timings),
+            t_ref=found.t_ref,
+            next_duration=found.next_duration_us,
+            camera=self.camera,
+        )
+
+    def windows(self, events: EventArray) -> Iterator[tuple[int, int]]:
+        """The windows that `run` takes when nothing is known yet, as half-open index intervals.
+
+        By count or by duration where the config says so; adaptive otherwise (see `run`).
+        """
+        if self.config.num_events_per_image is not None:
+            intervals = _core.windows_by_count(len(events), self.config.num_events_per_image)
+        elif self.config.window_duration is not None:
+            intervals = _core.windows_by_duration(events.t, max(1, round(self.config.window_duration * 1e6)))
+        else:
+            start = 0
+            while start < len(events):
+                stop = self._adaptive_stop(events, start, None)
+                yield start, stop
+                start = stop
+            return
+        yield from ((int(start), int(stop)) for start, stop in intervals)
+
+    def run(self, events: EventArray) -> Iterator[Segmentation]:
+        """Segment a recording: windows in order, each starting from what the last one found.
+
+        Without a count or a duration in the config, a window lasts until the events of most motions have
+        moved some pixels: long enough to tell motions apart, short enough for them to be uniform.
+
+        Yields:
+            A Segmentation a window, whose labels above 0 are track ids: an object keeps its id from window
+            to window, and parts of one motion that lie apart are objects of their own.
+        """
+        tracker = Tracker(events.width, events.height)
+        last: Segmentation | None = None
+        fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
+        intervals = self.windows(events) if fixed else None
+        start = 0
+        while True:
+            if intervals is not None:
+                interval = next(intervals, None)
+                if interval is None:
+                    return
+                start, stop = interval
+            elif start < len(events):
+                stop = self._adaptive_stop(events, start, last)
+            else:
+                return
+            found = self.segment(events[start:stop], candidates=last.models if last else ())
+            last = found
+            labels, models = tracker.assign(found.events, found.labels, found.models, found.t_ref, self.camera)
+            yield Segmentation(
+                found.events,
+                labels,
+                models,
+                energy=found.energy,
+                energy_trace=found.energy_trace,
+                reference_sharpness=found.reference_sharpness,
+                timings=found.timings,
+                t_ref=found.t_ref,
+                next_duration=found.next_duration,
+                start=start,
+                camera=self.camera,
+            )
+            start = stop
+
+    def _adaptive_stop(self, events: EventArray, start: int, last: Segmentation | None) -> int:
+        duration = 0 if last is None else last.next_duration
+        return self._engine.window_end(events.x, events.y, events.t, events.p, start, duration)
+
+
+def segment(
+    events: EventArray,
+    camera: Camera | None = None,
+    config: Config | None = None,
+    *,
+    pool: Sequence[MotionModel] = (),
+    t_ref: int | None = None,
+) -> Segmentation:
+    """Segment one window of events: the whole array given.
+
+    Args:
+        events: The window, n events.
+        camera: Undistorts events and gives rotations their intrinsics; optional.
+        config: Settings; the defaults need none.
+        pool: The only motions to choose from (and to refine); empty: they are searched for.
+        t_ref: Time to warp to, µs; the middle of the window if None.
+
+    Returns:
+        Labels and motions; see Segmentation.
+
+    Raises:
+        ValueError: the camera's size is not the sensor's, or a setting is out of range.
+
+    Source: Zhou et al., "Event-based Motion Segmentation with Spatio-Temporal Graph Cuts", TNNLS 2021.
+    """
+    return Segmenter(events.width, events.height, camera, config).segment(events, pool=pool, t_ref=t_ref)
