@@ -1,4 +1,4 @@
-"""What every benchmark shares: CPU time, rows of a table with ratios, and JSON that says where it was measured.
+"""What every benchmark shares: CPU time, tables with ratios, and JSON that says where it was measured.
 
 CPU time is that of all threads of the process, so that it can be compared on a machine with other work.
 Ours and its peers run in one process, in turns, so that both see the same machine.

@@ -191,7 +191,7 @@ def bench_expansion(problem: Labelling) -> list[Row]:
 
 
 def bench_expansions(events: int = 30_000) -> list[Row]:
-    """Expansion on the reference windows of 30k events; on made costs where they are absent or fewer will do."""
+    """Expansion on the reference windows of 30k events; on made costs without them or for fewer."""
     labellings = reference_labellings() if events >= 30_000 else []
     if not labellings:
         print(f"made costs; reference windows would be in {REFERENCE_DIR}", file=sys.stderr)

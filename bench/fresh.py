@@ -1,7 +1,7 @@
 """One cold segmentation in a process of its own: what a stranger's first call costs.
 
-``python -m bench.fresh WINDOW CONFIG_JSON`` prints one line of JSON.  NumPy and the events are there before the
-clock starts: they are the caller's.
+``python -m bench.fresh WINDOW CONFIG_JSON`` prints one line of JSON.  NumPy and the events are there before
+the clock starts: they are the caller's.
 """
 
 from __future__ import annotations

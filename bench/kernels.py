@@ -62,7 +62,7 @@ def made_window(events: int, seed: int = 0) -> BenchWindow:
     return BenchWindow(f"made {WIDTH}x{HEIGHT}", array)
 
 
-# --- graph ---------------------------------------------------------------------------------------------------
+# --- graph -------------------------------------------------------------------------------------------------
 
 
 def active_pixels(events: emseg.EventArray) -> NDArray[np.int32]:
@@ -71,11 +71,13 @@ def active_pixels(events: emseg.EventArray) -> NDArray[np.int32]:
     return np.column_stack([code % events.width, code // events.width]).astype(np.int32)
 
 
-def check_triangulation(pixels: NDArray[np.int32], ours: Integers, theirs: Integers) -> None:
+def check_triangulation(
+    pixels: NDArray[np.int32], ours: NDArray[np.int32], theirs: NDArray[np.int32]
+) -> None:
     """Both are Delaunay triangulations of the pixels: they differ in diagonals of cocircular pixels only.
 
-    Triangulations of the same pixels have equally many edges.  Where two of them differ an edge of one crosses
-    edges of the other, and each such pair must lie on one circle.
+    Triangulations of the same pixels have equally many edges.  Where two of them differ an edge of one
+    crosses edges of the other, and each such pair must lie on one circle.
     """
     require(len(ours) == len(theirs), f"{len(ours)} Delaunay edges, CGAL has {len(theirs)}")
     mine, other = set(map(tuple, ours.tolist())), set(map(tuple, theirs.tolist()))
@@ -111,7 +113,7 @@ def _in_circle(a: Integers, b: Integers, c: Integers, d: Integers) -> Integers:
 
 
 def bench_graph(events: int) -> list[Row]:
-    """The space-time graph, and our triangulation alone, beside triangulations of the same pixels by others."""
+    """The space-time graph, and our triangulation alone, beside others' triangulations of the same pixels."""
     wanted = [name for name in windows.names() if name.endswith("_30k")] if events == EVENTS else []
     rows = []
     for window in [windows.load(name) for name in wanted] or [made_window(events)]:
@@ -135,7 +137,7 @@ def bench_graph(events: int) -> list[Row]:
     return rows
 
 
-# --- image of warped events ----------------------------------------------------------------------------------
+# --- image of warped events --------------------------------------------------------------------------------
 
 
 def bench_iwe(events: int) -> list[Row]:
@@ -201,7 +203,7 @@ def bench_contrast(events: int) -> list[Row]:
     return [Row(what, 1e3 * ours.cpu_s, peer, 1e3 * reference.cpu_s, "≤ 0.15 ms")]
 
 
-# --- motion fit ----------------------------------------------------------------------------------------------
+# --- motion fit --------------------------------------------------------------------------------------------
 
 
 def one_motion(events: int, velocity: tuple[float, float], seed: int = 1) -> BenchWindow:
@@ -248,7 +250,7 @@ def bench_fit(events: int) -> list[Row]:
         return numpy_reference.variance(numpy_reference.iwe(model, seen))
 
     ours = timed.pop("ours")
-    off = np.linalg.norm(ours.result - velocity) * 0.04
+    off = float(np.linalg.norm(ours.result - velocity)) * 0.04
     require(off <= 0.2, f"the fit is {off:.2f} px off the true motion over the window, expected 0.2")
     rows = []
     targets = {"SciPy on the reference": "≥ 200×", "eventcv contrast_maximise": "≥ 50×"}
@@ -257,12 +259,13 @@ def bench_fit(events: int) -> list[Row]:
         require(
             reached >= peer_reached * (1 - 1e-4), f"contrast {reached} reached, {peer} reaches {peer_reached}"
         )
-        what = f"motion fit, translation, {len(window.events)} events (contrast {reached:.4g}, peer {peer_reached:.4g})"
+        reaching = f"contrast {reached:.4g}, peer {peer_reached:.4g}"
+        what = f"motion fit, translation, {len(window.events)} events ({reaching})"
         rows.append(Row(what, 1e3 * ours.cpu_s, peer, 1e3 * its.cpu_s, targets[peer]))
     return rows
 
 
-# --- start-up ------------------------------------------------------------------------------------------------
+# --- start-up ----------------------------------------------------------------------------------------------
 
 _IMPORT = """
 import time

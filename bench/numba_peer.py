@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 
 
-@njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, fastmath=True)
 def warp_and_vote(x: Floats, y: Floats, dt: Floats, field: Floats, centre: Floats, image: Floats) -> Any:
     """Clear the image (height, width), then let every event vote for the four pixels about its warped place.
 

@@ -1,4 +1,4 @@
-"""The published energy of any solution, by the NumPy reference: how solutions of different codes are compared.
+"""The published energy of any solution, by the NumPy reference: what makes codes comparable.
 
     E(L, M) = sum_k 255 (1 - IWE_L(k) / IWE_max) + 30 |cut edges| + 8000 |labels used|
 
@@ -36,9 +36,11 @@ def reference_window(
 ) -> numpy_reference.Window:
     """The window as the NumPy reference takes it."""
     events, camera = window.events, window.camera
-    lens = camera and numpy_reference.Camera(
-        camera.fx, camera.fy, camera.cx, camera.cy, distortion=camera.distortion
-    )
+    lens = None
+    if camera is not None:
+        lens = numpy_reference.Camera(
+            camera.fx, camera.fy, camera.cx, camera.cy, distortion=camera.distortion
+        )
     return numpy_reference.make_window(
         events.x,
         events.y,
@@ -60,7 +62,8 @@ def our_solution(window: BenchWindow, found: Segmentation) -> Solution:
 def published_solution(window: BenchWindow, published: Published) -> Solution:
     """The published code's: similarities about pixel (0, 0), t_ref at the first event.
 
-    Its labels are numbered by size, not as its pool; each takes the model of the pool that fits its events best.
+    Its labels are numbered by size, not as its pool: each takes the model of the pool that fits its events
+    best.
     """
     pool = [numpy_reference.MotionModel("similarity", tuple(params)) for params in published.pool.tolist()]
     frame = reference_window(window, t_ref=float(window.events.t[0]), centre=(0.0, 0.0))
@@ -74,7 +77,8 @@ def published_energies(window: BenchWindow, solutions: Sequence[Solution]) -> li
     """Energy of each solution.  An event without a label takes the used one of least data cost."""
     graph = numpy_reference.EventGraph(*(column.astype(np.int64) for column in event_graph(window.events)))
     used = [np.unique(solution.labels[solution.labels >= 0]) for solution in solutions]
-    values, peaks = [], []
+    values = []
+    peaks: list[float] = []
     for solution, labels in zip(solutions, used, strict=True):
         columns = [warped_image_values(solution.models[label], solution.window) for label in labels]
         values.append(np.stack([column for column, _ in columns], axis=1))

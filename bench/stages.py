@@ -1,6 +1,7 @@
 """A cold window, stage by stage, beside the published code's figures and the NumPy reference.
 
-``python -m bench.stages [--windows NAME …] [--preset NAME | --config FILE] [--reference WHICH] [--json FILE]``
+``python -m bench.stages [--windows NAME …] [--preset NAME | --config FILE] [--reference WHICH]
+[--json FILE]``
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import json
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,8 @@ from bench.common import circumstances, cpu_times, print_circumstances, print_ta
 from bench.fresh import run_fresh
 from bench.published import our_solution, published_energies, published_solution, reference_window
 from bench.windows import BenchWindow
+from emseg.datasets import bundled
 from emseg.metrics import one_to_one_accuracy
-from emseg.reference import MotionModel as ReferenceMotion
 from emseg.reference import SegmentOptions
 from emseg.reference import segment as reference_segment
 
@@ -111,7 +112,7 @@ def bench_reference(window: BenchWindow, pool_name: str) -> dict[str, Any]:
     else:
         solution = published_solution(window, window.published[pool_name])
         frame, pool = solution.window, list(dict.fromkeys(solution.models))
-    found = reference_segment(frame, SegmentOptions(), pool=cast("list[ReferenceMotion] | None", pool))
+    found = reference_segment(frame, SegmentOptions(), pool=pool)
     return {
         "window": window.name,
         "pool": pool_name,
@@ -235,9 +236,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--windows", nargs="+", metavar="NAME", choices=windows.names(), default=windows.names()
-    )
+    known = sorted({*windows.recorded(), *bundled()})
+    parser.add_argument("--windows", nargs="+", metavar="NAME", choices=known, default=windows.names())
     settings = parser.add_mutually_exclusive_group()
     settings.add_argument(
         "--preset", choices=emseg.Config.presets(), help="published settings; else the defaults"

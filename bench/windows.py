@@ -38,7 +38,7 @@ class Published:
 
 @dataclass(frozen=True)
 class BenchWindow:
-    """A window with, where known, its truth per event (-1 noise) and the published code's results by variant."""
+    """A window; where known, its truth per event (-1 noise) and the published code's results by variant."""
 
     name: str
     events: EventArray
@@ -48,13 +48,17 @@ class BenchWindow:
 
 
 def names() -> list[str]:
-    """The windows there are, small sensors and small windows first."""
-    recorded = sorted(path.stem.removeprefix("syn_") for path in REFERENCE_DIR.glob("syn_*.npz"))
-    return recorded or sorted(bundled())
+    """The windows to segment, small sensors and small windows first."""
+    return recorded() or sorted(bundled())
+
+
+def recorded() -> list[str]:
+    """The reference windows, by size and events, if they are at hand."""
+    return sorted(path.stem.removeprefix("syn_") for path in REFERENCE_DIR.glob("syn_*.npz"))
 
 
 def load(name: str) -> BenchWindow:
-    """A window by one of `names`."""
+    """A window by name: a recorded or a bundled one."""
     path = bundled().get(name) or REFERENCE_DIR / f"syn_{name}.npz"
     with np.load(path) as archive:
         arrays: dict[str, Any] = dict(archive)
