@@ -1,6 +1,5 @@
 #include "emseg/adaptive_window.hpp"
 
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -10,8 +9,8 @@
 namespace emseg {
 namespace {
 
-constexpr int tile = 32;                    // px
-constexpr double same_displacement = 1.6;   // px over the window
+constexpr int tile = 32;                   // px
+constexpr double same_displacement = 1.6;  // px over the window
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
@@ -26,8 +25,8 @@ struct Rung {
   double displacement = 0;  // quantile over the tiles, px
 };
 
-Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size, const AdaptiveWindowOptions& options,
-           ThreadPool& pool) {
+Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
+           const AdaptiveWindowOptions& options, ThreadPool& pool) {
   const Points points = make_points(window, window.t.front() + duration_us / 2);
   const int columns = (size.width + tile - 1) / tile;
   const int rows = (size.height + tile - 1) / tile;
@@ -37,12 +36,14 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size, co
   }
   std::vector<Region> regions;
   for (int row = 0; row < rows; ++row) {
-    for (int column = 0; column < columns; ++column) regions.push_back({column * tile, row * tile, tile, tile});
+    for (int column = 0; column < columns; ++column)
+      regions.push_back({column * tile, row * tile, tile, tile});
   }
   SweepOptions sweep;
   sweep.max_speed = options.max_speed;
   sweep.per_region = 1;
-  const auto velocities = sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
+  const auto velocities =
+      sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
 
   Rung rung;
   rung.duration_us = duration_us;
@@ -82,13 +83,14 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
                             const AdaptiveWindowOptions& options, ThreadPool& pool) {
   std::vector<Rung> rungs;
   for (std::int64_t duration = 3'000; duration <= options.max_duration_us; duration *= 2) {
-    const auto end = static_cast<std::size_t>(
-        std::lower_bound(events.t.begin() + static_cast<std::ptrdiff_t>(begin), events.t.end(),
-                         events.t[begin] + duration) -
-        events.t.begin());
+    const auto end =
+        static_cast<std::size_t>(std::lower_bound(events.t.begin() + static_cast<std::ptrdiff_t>(begin),
+                                                  events.t.end(), events.t[begin] + duration) -
+                                 events.t.begin());
     const EventView window = events.slice(begin, end);
     if (window.size() >= enough_in_window) rungs.push_back(judge(window, duration, size, options, pool));
-    if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement)) break;
+    if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement))
+      break;
   }
   double most = 0;
   for (const Rung& rung : rungs) most = std::max(most, rung.agreement);
@@ -100,7 +102,8 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
   return next_duration(best->duration_us, best->displacement, options);
 }
 
-std::int64_t next_duration(std::int64_t duration_us, double displacement, const AdaptiveWindowOptions& options) {
+std::int64_t next_duration(std::int64_t duration_us, double displacement,
+                           const AdaptiveWindowOptions& options) {
   const double factor = displacement > 0 ? std::clamp(options.displacement / displacement, 0.5, 2.0) : 2.0;
   return std::clamp(static_cast<std::int64_t>(std::llround(factor * static_cast<double>(duration_us))),
                     options.min_duration_us, options.max_duration_us);

@@ -11,11 +11,13 @@ namespace emseg {
 DataTerm data_term(std::string_view name) {
   if (name == "published") return DataTerm::published;
   if (name == "logarithmic") return DataTerm::logarithmic;
-  throw std::invalid_argument("unknown data term '" + std::string(name) + "', expected published or logarithmic");
+  throw std::invalid_argument("unknown data term '" + std::string(name) +
+                              "', expected published or logarithmic");
 }
 
-void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
-                      std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support) {
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
+                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      ModelSupport& support) {
   const std::size_t n = points.size();
   workspace.x.resize(n);
   workspace.y.resize(n);

@@ -14,7 +14,8 @@ MotionModel clamp_motion(const MotionModel& model, const MotionBounds& bounds, c
         using Model = std::decay_t<decltype(m)>;
         if constexpr (std::is_same_v<Model, Rotation>) {
           // An image speed about the centre of focal length times angular rate.
-          for (double& rate : m.params) limit(rate, std::max(bounds.speed / std::min(frame.fx, frame.fy), bounds.angle_rate));
+          for (double& rate : m.params)
+            limit(rate, std::max(bounds.speed / std::min(frame.fx, frame.fy), bounds.angle_rate));
         } else {
           limit(m.params[0], bounds.speed);
           limit(m.params[1], bounds.speed);
@@ -48,15 +49,18 @@ Eigen::VectorXd parameter_units(const PointView& points, const MotionModel& mode
                 double(jacobian.dx[d]) * jacobian.dx[d] + double(jacobian.dy[d]) * jacobian.dy[d];
           }
         }
-        return (sum / static_cast<double>(std::max<std::size_t>(1, used))).cwiseSqrt().cwiseMax(1e-9).cwiseInverse();
+        return (sum / static_cast<double>(std::max<std::size_t>(1, used)))
+            .cwiseSqrt()
+            .cwiseMax(1e-9)
+            .cwiseInverse();
       },
       model);
 }
 
 }  // namespace
 
-FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region region,
-                        const RefineOptions& options, ContrastWorkspace& workspace) {
+FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame,
+                        Region region, const RefineOptions& options, ContrastWorkspace& workspace) {
   FitResult best;
   best.model = clamp_motion(start, options.bounds, frame);
   if (points.size() == 0 || region.area() == 0) return best;
@@ -78,7 +82,8 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     Eigen::VectorXd gradient;
   };
   const auto evaluate = [&](const MotionModel& model) {
-    const ContrastResult result = contrast_and_gradient(points, model, frame, region, options.contrast, workspace);
+    const ContrastResult result =
+        contrast_and_gradient(points, model, frame, region, options.contrast, workspace);
     ++best.evaluations;
     Evaluation evaluation{result.value, Eigen::VectorXd::Zero(dof)};
     if (result.value > 0) {

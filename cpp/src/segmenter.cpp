@@ -63,7 +63,8 @@ class Alternation {
         support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {
     std::vector<ModelSupport> supports(models_.size());
-    pool_.for_each(models_.size(), [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports[m]); });
+    pool_.for_each(models_.size(),
+                   [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports[m]); });
     std::vector<const ModelSupport*> pointers;
     for (const ModelSupport& support : supports) pointers.push_back(&support);
     reference_ = reference_sharpness(problem_.options.data_term, pointers);
@@ -85,8 +86,8 @@ class Alternation {
     clock_.lap("labels");
   }
 
-  // Models given labels: every used model is refitted on its own events, as each kind on offer; the refit that costs its
-  // events least takes the model's place.  True if one did.
+  // Models given labels: every used model is refitted on its own events, as each kind on offer; the refit
+  // that costs its events least takes the model's place.  True if one did.
   bool refit() {
     std::vector<Points> members(models_.size());
     std::vector<std::int64_t> current(models_.size(), 0);
@@ -110,7 +111,8 @@ class Alternation {
     pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
       Refit& refit = refits[i];
       const PointView own = members[refit.label].view();
-      const MotionModel start = convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
+      const MotionModel start =
+          convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
       const Region region = fit_region(own, start, problem_.frame, problem_.plane);
       refit.model = refine_motion(own, start, problem_.frame, region, problem_.refine,
                                   contrast_workspaces_[static_cast<std::size_t>(worker)])
@@ -159,7 +161,8 @@ class Alternation {
 
   std::vector<std::int32_t> costs_of(const ModelSupport& support) const {
     std::vector<std::int32_t> costs(support.sharpness.size());
-    integer_costs(problem_.options.data_term, support.sharpness, reference_, problem_.options.lambda_data, costs);
+    integer_costs(problem_.options.data_term, support.sharpness, reference_, problem_.options.lambda_data,
+                  costs);
     return costs;
   }
 
@@ -200,7 +203,8 @@ class Alternation {
   std::vector<std::int64_t> trace_;
 };
 
-// Puts the background first and the objects after it, most events first; labels nobody uses go, the background stays.
+// Puts the background first and the objects after it, most events first; labels nobody uses go, the
+// background stays.
 void order_labels(std::int32_t background, const std::vector<MotionModel>& models,
                   const std::vector<std::int32_t>& labels, Segmentation& result) {
   std::vector<std::int64_t> events(models.size(), 0);
@@ -235,14 +239,20 @@ void require(bool valid, const std::string& what) {
 }  // namespace
 
 void SegmenterOptions::check() const {
-  require(lambda_data >= 0 && lambda_data <= 1e6, "lambda_data is " + std::to_string(lambda_data) + ", expected 0..1e6");
+  require(lambda_data >= 0 && lambda_data <= 1e6,
+          "lambda_data is " + std::to_string(lambda_data) + ", expected 0..1e6");
   rounded_cost(lambda_smooth, "lambda_smooth");
   if (lambda_label) rounded_cost(*lambda_label, "lambda_label");
-  require(lambda_label_per_event >= 0 && lambda_label_per_event <= 1e6, "lambda_label_per_event must be 0..1e6");
-  require(bracket_row >= 1 && bracket_row <= 64, "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
-  require(bracket_col >= 1 && bracket_col <= 64, "bracket_col is " + std::to_string(bracket_col) + ", expected 1..64");
-  require(bounds.speed > 0 && bounds.speed <= 1e7, "largest speed is " + std::to_string(bounds.speed) + " px/s, expected above 0, to 1e7");
-  require(bounds.scale_rate >= 0 && bounds.angle_rate >= 0 && std::isfinite(bounds.scale_rate) && std::isfinite(bounds.angle_rate),
+  require(lambda_label_per_event >= 0 && lambda_label_per_event <= 1e6,
+          "lambda_label_per_event must be 0..1e6");
+  require(bracket_row >= 1 && bracket_row <= 64,
+          "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
+  require(bracket_col >= 1 && bracket_col <= 64,
+          "bracket_col is " + std::to_string(bracket_col) + ", expected 1..64");
+  require(bounds.speed > 0 && bounds.speed <= 1e7,
+          "largest speed is " + std::to_string(bounds.speed) + " px/s, expected above 0, to 1e7");
+  require(bounds.scale_rate >= 0 && bounds.angle_rate >= 0 && std::isfinite(bounds.scale_rate) &&
+              std::isfinite(bounds.angle_rate),
           "scale and angle rates must be finite and not negative");
   require(!kinds.empty(), "no kind of motion model is allowed");
   require(num_iter_segmentation >= 0 && num_iter_segmentation <= 1000,
@@ -253,14 +263,17 @@ void SegmenterOptions::check() const {
 }
 
 Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options)
-    : size_(size), frame_(make_warp_frame(size, camera ? &*camera : nullptr)), options_(options), pool_(options.threads) {
+    : size_(size),
+      frame_(make_warp_frame(size, camera ? &*camera : nullptr)),
+      options_(options),
+      pool_(options.threads) {
   options_.check();
   check_events({}, size);
   if (camera) {
     if (camera->size != size) {
       throw std::invalid_argument("the camera is " + std::to_string(camera->size.width) + "x" +
-                                  std::to_string(camera->size.height) + ", the sensor " + std::to_string(size.width) +
-                                  "x" + std::to_string(size.height));
+                                  std::to_string(camera->size.height) + ", the sensor " +
+                                  std::to_string(size.width) + "x" + std::to_string(size.height));
     }
     if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
   }
@@ -273,7 +286,9 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   Segmentation result;
   StageClock clock(result.timings);
   const std::size_t n = events.size();
-  result.t_ref = prior.t_ref ? *prior.t_ref : n ? events.t.front() + (events.t.back() - events.t.front()) / 2 : 0;
+  result.t_ref = prior.t_ref ? *prior.t_ref
+                 : n         ? events.t.front() + (events.t.back() - events.t.front()) / 2
+                             : 0;
   if (n == 0) {
     result.models = {Translation{}};
     return result;
@@ -289,8 +304,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   RefineOptions refine;
   refine.contrast = {ContrastMeasure::mean_square, options_.sigma};
   refine.bounds = options_.bounds;
-  const double label_cost =
-      options_.lambda_label ? *options_.lambda_label : options_.lambda_label_per_event * static_cast<double>(n);
+  const double label_cost = options_.lambda_label ? *options_.lambda_label
+                                                  : options_.lambda_label_per_event * static_cast<double>(n);
   std::vector<MotionModel> models = prior.pool;
   if (models.empty()) {
     PoolOptions pool;
@@ -358,8 +373,8 @@ std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, st
   }
   if (duration_us <= 0) duration_us = judge_duration(events, begin, size_, window_options_, pool_);
   const auto first = events.t.begin() + static_cast<std::ptrdiff_t>(begin);
-  const auto end = static_cast<std::size_t>(std::lower_bound(first, events.t.end(), events.t[begin] + duration_us) -
-                                            events.t.begin());
+  const auto end = static_cast<std::size_t>(
+      std::lower_bound(first, events.t.end(), events.t[begin] + duration_us) - events.t.begin());
   return std::clamp(end, begin + 1, begin + window_options_.max_events);
 }
 
@@ -382,7 +397,8 @@ double Segmenter::typical_displacement(const PointView& points, const Segmentati
         result.models[l]);
   }
   if (lengths.empty()) return 0;
-  const auto rank = static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
+  const auto rank =
+      static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
   std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
   return lengths[static_cast<std::size_t>(rank)];
 }

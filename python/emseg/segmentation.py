@@ -200,7 +200,8 @@ class Segmenter:
         """
         if (events.width, events.height) != (self.width, self.height):
             raise ValueError(
-                f"the events' sensor is {events.width}x{events.height}, the segmenter's {self.width}x{self.height}"
+                f"the events' sensor is {events.width}x{events.height}, "
+                f"the segmenter's {self.width}x{self.height}"
             )
         found = self._engine.segment(
             events.x,
@@ -273,7 +274,9 @@ class Segmenter:
                 return
             found = self.segment(events[start:stop], candidates=last.models if last else ())
             last = found
-            labels, models = tracker.assign(found.events, found.labels, found.models, found.t_ref, self.camera)
+            labels, models = tracker.assign(
+                found.events, found.labels, found.models, found.t_ref, self.camera
+            )
             yield Segmentation(
                 found.events,
                 labels,
