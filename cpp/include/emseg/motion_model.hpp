@@ -14,6 +14,7 @@
 #include <array>
 #include <cmath>
 #include <concepts>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <variant>
@@ -85,14 +86,18 @@ struct Rotation {
     float ax, ay, az;         // unit axis
     float fx, fy, px, py;
     Warp(const Rotation& model, const WarpFrame& frame);
+    // Infinitely far where the point turns behind the camera.
     Vec2f operator()(float x, float y, float dt) const {
-      const auto f = rotate(x, y, dt);
-      return {fx * f[0] / f[2] + px, fy * f[1] / f[2] + py};
+      // x' - x, not x': small numbers keep their digits.
+      const auto d = turn(x, y, dt);
+      const float depth = 1 + d[2];
+      if (!(depth > 0)) return {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
+      return {x + (fx * d[0] - (x - px) * d[2]) / depth, y + (fy * d[1] - (y - py) * d[2]) / depth};
     }
     WarpJacobian<dof> jacobian(float x, float y, float dt) const;
 
    private:
-    std::array<float, 3> rotate(float x, float y, float dt) const;
+    std::array<float, 3> turn(float x, float y, float dt) const;  // f' - f
   };
 };
 
