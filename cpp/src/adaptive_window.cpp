@@ -1,11 +1,12 @@
 #include "emseg/adaptive_window.hpp"
 
-
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "emseg/iwe.hpp"
+#include "emseg/window.hpp"
 
 namespace emseg {
 namespace {
@@ -28,7 +29,8 @@ struct Rung {
 
 Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size, const AdaptiveWindowOptions& options,
            ThreadPool& pool) {
-  const Points points = make_points(window, window.t.front() + duration_us / 2);
+  check_events(window, size);
+  const Points points = make_points(window, std::midpoint(window.t.front(), window.t.back()));
   const int columns = (size.width + tile - 1) / tile;
   const int rows = (size.height + tile - 1) / tile;
   std::vector<int> events(static_cast<std::size_t>(columns * rows), 0);
@@ -82,10 +84,7 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
                             const AdaptiveWindowOptions& options, ThreadPool& pool) {
   std::vector<Rung> rungs;
   for (std::int64_t duration = 3'000; duration <= options.max_duration_us; duration *= 2) {
-    const auto end = static_cast<std::size_t>(
-        std::lower_bound(events.t.begin() + static_cast<std::ptrdiff_t>(begin), events.t.end(),
-                         events.t[begin] + duration) -
-        events.t.begin());
+    const std::size_t end = window_end(events.t, begin, duration);
     const EventView window = events.slice(begin, end);
     if (window.size() >= enough_in_window) rungs.push_back(judge(window, duration, size, options, pool));
     if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement)) break;
@@ -102,8 +101,9 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
 
 std::int64_t next_duration(std::int64_t duration_us, double displacement, const AdaptiveWindowOptions& options) {
   const double factor = displacement > 0 ? std::clamp(options.displacement / displacement, 0.5, 2.0) : 2.0;
-  return std::clamp(static_cast<std::int64_t>(std::llround(factor * static_cast<double>(duration_us))),
-                    options.min_duration_us, options.max_duration_us);
+  return std::llround(std::clamp(factor * static_cast<double>(duration_us),
+                                 static_cast<double>(options.min_duration_us),
+                                 static_cast<double>(options.max_duration_us)));
 }
 
 }  // namespace emseg

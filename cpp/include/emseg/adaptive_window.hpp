@@ -19,6 +19,7 @@ struct AdaptiveWindowOptions {
 // Duration of the window that begins with event `begin`, judged from the events that follow it.  Durations are tried on a ladder of
 // doublings: with too little motion in a window neighbouring tiles do not agree on a velocity, with too
 // much they no longer move uniformly; the longest on which tiles still agree is taken, and scaled to the wanted displacement.
+// Throws std::invalid_argument where an event that is looked at is not valid (see check_events).
 std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSize size,
                             const AdaptiveWindowOptions& options, ThreadPool& pool);
 
