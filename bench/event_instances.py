@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import Delaunay
 
 IntArray = NDArray[np.int64]
-
-REFERENCE_DIR = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / "reference"
 
 
 def space_time_edges(x: IntArray, y: IntArray, t: NDArray[np.float64]) -> IntArray:

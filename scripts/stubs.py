@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import re
 import subprocess
 import sys
 import tempfile
@@ -9,6 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 STUB = ROOT / "python" / "emseg" / "_core.pyi"
+ANY_ARRAY = r"typing\.Annotated\[numpy\.typing\.ArrayLike, (numpy\.\w+)\]"
 
 
 def generate() -> str:
@@ -16,6 +18,8 @@ def generate() -> str:
     with tempfile.TemporaryDirectory() as folder:
         python_tool("pybind11_stubgen", "emseg._core", "--exit-code", "-o", folder)
         stub = Path(folder, "emseg", "_core.pyi")
+        # The module takes arrays of the very type, so that large ones are not copied in silence.
+        stub.write_text(re.sub(ANY_ARRAY, r"numpy.typing.NDArray[\1]", stub.read_text()))
         for action in (["check", "--fix-only"], ["format"]):
             python_tool("ruff", *action, "--quiet", "--config", str(ROOT / "pyproject.toml"), str(stub))
         return stub.read_text()

@@ -81,7 +81,7 @@ class ExpansionMove {
   std::vector<std::int64_t> hub_cost_;        // per label: its cost if it is in use and not alpha
   std::vector<std::vector<Capacity>> flows_;  // per label: the last move's flow along every edge
   std::vector<Edge> edges_;
-  std::vector<std::int32_t> arc_of_edge_;     // as edges_
+  std::vector<std::int32_t> arc_of_edge_;  // as edges_
   std::vector<std::int32_t> switched_;
 };
 
@@ -167,7 +167,8 @@ void ExpansionMove<Capacity>::gather_sites(const BasicLabelingProblem<Cost>& pro
   }
 }
 
-// Costs at single sites go to their excess; edges between sites are listed, for there may be no need to build them.
+// Costs at single sites go to their excess; edges between sites are listed, for there may be no need to build
+// them.
 template <typename Capacity>
 template <typename Cost>
 void ExpansionMove<Capacity>::gather_edges(const BasicLabelingProblem<Cost>& problem,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "emseg/model_selection.hpp"
 
@@ -28,100 +29,37 @@ std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col) 
 
 namespace {
 
-// Candidates with what they make of the window.
-class Candidates {
- public:
-  Candidates(const PointView& points, const WarpFrame& frame, Region plane, const PoolOptions& options,
-             ThreadPool& pool)
-      : points_(points),
-        frame_(frame),
-        canvas_(canvas_of(plane)),
-        options_(options),
-        pool_(pool),
-        taps_(gaussian_taps(options.sigma)),
-        workspaces_(static_cast<std::size_t>(pool.worker_count())),
-        sample_(thinned(points, 200)) {}
-
-  // Takes models that differ from all there are; evaluates them.
-  void add(std::vector<MotionModel> models) {
-    const std::size_t before = models_.size();
-    for (const MotionModel& model : models) {
-      const bool known = std::any_of(models_.begin(), models_.end(), [&](const MotionModel& other) {
-        return motion_distance(model, other, frame_, sample_.view()) < tolerance_;
-      });
-      if (!known) models_.push_back(model);
-    }
-    supports_.resize(models_.size());
-    pool_.for_each(models_.size() - before, [&](std::size_t i, int worker) {
-      evaluate_support(points_, models_[before + i], frame_, canvas_, taps_,
-                       workspaces_[static_cast<std::size_t>(worker)], supports_[before + i]);
-    });
-  }
-
-  // Chooses, keeps the chosen alone, and tells which block went to which.
-  Selection choose(const BlockGrid& grid) {
-    std::vector<const ModelSupport*> pointers;
-    for (const ModelSupport& support : supports_) pointers.push_back(&support);
-    const double reference = reference_sharpness(options_.term, pointers);
-    std::vector<std::vector<float>> costs(models_.size());
-    pool_.for_each(models_.size(), [&](std::size_t m, int) {
-      costs[m] = block_costs(grid, supports_[m], options_.term, reference, options_.lambda_data);
-    });
-    Selection selection = select_models(costs, options_.lambda_label);
-    std::vector<MotionModel> models;
-    std::vector<ModelSupport> supports;
-    for (std::size_t& m : selection.chosen) {
-      models.push_back(models_[m]);
-      supports.push_back(std::move(supports_[m]));
-      m = models.size() - 1;
-    }
-    models_ = std::move(models);
-    supports_ = std::move(supports);
-    return selection;
-  }
-
-  void tell_apart(double tolerance) { tolerance_ = tolerance; }
-  const std::vector<MotionModel>& models() const { return models_; }
-
- private:
-  static Points thinned(const PointView& points, std::size_t count) {
-    Points sample;
-    const std::size_t stride = std::max<std::size_t>(1, points.size() / count);
-    for (std::size_t k = 0; k < points.size(); k += stride) sample.push_back(points, k);
-    return sample;
-  }
-
-  const PointView points_;
-  const WarpFrame& frame_;
-  Region canvas_;
-  const PoolOptions& options_;
-  ThreadPool& pool_;
-  std::vector<float> taps_;
-  std::vector<SupportWorkspace> workspaces_;
-  Points sample_;
-  double tolerance_ = 0;
-  std::vector<MotionModel> models_;
-  std::vector<ModelSupport> supports_;
-};
-
 // The richest kind on offer; poorer ones are special cases of it or compete later, on the labels.
 MotionKind richest(const std::vector<MotionKind>& kinds) {
   return *std::max_element(kinds.begin(), kinds.end(),
                            [](MotionKind a, MotionKind b) { return dof_of(a) < dof_of(b); });
 }
 
+// Squares of `side` px that overlap by half: small objects fill one of them.
+std::vector<Region> overlapping_tiles(Region plane, int side) {
+  std::vector<Region> tiles;
+  const int step = side / 2;
+  for (int y = 0; y + step < plane.height; y += step) {
+    for (int x = 0; x + step < plane.width; x += step) {
+      tiles.push_back({plane.x0 + x, plane.y0 + y, std::min(side, plane.width - x), std::min(side, plane.height - y)});
+    }
+  }
+  return tiles;
+}
+
 // Best velocities of the sub-volumes, strongest first, without near copies.
 std::vector<MotionModel> propose_translations(const PointView& points, std::span<const std::uint8_t> positive,
                                               Region plane, const PoolOptions& options, ThreadPool& pool) {
-  const auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
+  auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
+  for (const Region& tile : overlapping_tiles(plane, options.tile)) regions.push_back(tile);
   std::vector<VelocityScore> proposals;
   for (const auto& found : sweep_velocities(points, positive, regions, plane, options.sweep, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
   }
   std::stable_sort(proposals.begin(), proposals.end(),
                    [](const VelocityScore& a, const VelocityScore& b) { return a.score > b.score; });
-  const double window = points.size() ? static_cast<double>(points.dt.back()) - points.dt.front() : 0;
-  const double apart = options.same_motion / std::max(1e-9, window / std::sqrt(12.0));  // px/s for that many px rms
+  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
+  const double apart = options.same_motion / std::max(1e-9, window);  // px/s
   std::vector<VelocityScore> kept{{0, 0, 0}};  // no motion is always a candidate
   for (const VelocityScore& proposal : proposals) {
     if (kept.size() >= options.max_candidates) break;
@@ -136,68 +74,159 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   return models;
 }
 
-// Each chosen model refitted on the events of its blocks, and each pair of them on both's.
-std::vector<MotionModel> propose_refits(const PointView& points, const BlockGrid& grid, const Selection& selection,
-                                        const std::vector<MotionModel>& models, const WarpFrame& frame,
-                                        Region plane, const PoolOptions& options, ThreadPool& pool) {
-  std::vector<Points> members(models.size());
-  for (std::size_t k = 0; k < points.size(); ++k) {
-    members[static_cast<std::size_t>(selection.of_block[static_cast<std::size_t>(grid.of_event[k])])].push_back(points,
-                                                                                                              k);
+// The search for the cheapest set of models: candidates, what they cost every block, and the set chosen last.
+class PoolSearch {
+ public:
+  PoolSearch(const PointView& points, const WarpFrame& frame, Region plane, const PoolOptions& options,
+             ThreadPool& pool)
+      : points_(points),
+        frame_(frame),
+        plane_(plane),
+        options_(options),
+        pool_(pool),
+        taps_(gaussian_taps(options.sigma)),
+        grid_(make_block_grid(points, plane, options.block)),
+        support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
+        contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
+
+  void add(const std::vector<MotionModel>& models) {
+    const std::size_t before = models_.size();
+    models_.insert(models_.end(), models.begin(), models.end());
+    supports_.resize(models_.size());
+    pool_.for_each(models.size(), [&](std::size_t i, int worker) {
+      evaluate_support(points_, models_[before + i], frame_, canvas_of(plane_), taps_,
+                       support_workspaces_[static_cast<std::size_t>(worker)], supports_[before + i]);
+    });
   }
-  struct Task {
-    std::size_t start;   // model to start from
-    std::size_t other;   // whose events are added; == start for none
-  };
-  std::vector<Task> tasks;
-  for (std::size_t a = 0; a < models.size(); ++a) {
-    for (std::size_t b = 0; b < models.size(); ++b) {
-      // A pair starts from the one with more events.
-      if (a == b || members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b)) {
-        tasks.push_back({a, b});
+
+  // Chooses among all candidates; returns the cost.
+  double choose() {
+    const double reference = reference_of_chosen();
+    costs_.resize(models_.size());
+    pool_.for_each(models_.size(), [&](std::size_t m, int) {
+      costs_[m] = block_costs(grid_, supports_[m], options_.term, reference, options_.lambda_data);
+    });
+    selection_ = select_models(costs_, options_.lambda_label);
+    return selection_.cost;
+  }
+
+  // Each chosen model refitted on the events of its blocks, and pairs that are nearly one motion on both's.
+  std::vector<MotionModel> refits() {
+    const auto& chosen = selection_.chosen;
+    std::vector<Points> members(chosen.size());
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      members[chosen_for(grid_.of_event[k])].push_back(points_, k);
+    }
+    RefineOptions coarse = options_.refine;
+    coarse.max_iterations = 10;
+    coarse.tolerance = 0.05;
+    struct Task {
+      std::size_t start;  // whose model to start from, and whose events to fit
+      std::size_t other;  // whose events to fit with them; == start for none
+    };
+    std::vector<Task> tasks;
+    for (std::size_t a = 0; a < chosen.size(); ++a) {
+      if (members[a].size() > 0 && !fitted_.contains({chosen[a], members[a].size()})) tasks.push_back({a, a});
+      fitted_.insert({chosen[a], members[a].size()});
+      for (std::size_t b = 0; b < chosen.size(); ++b) {
+        const bool larger = members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b);
+        if (a == b || !larger || merging_loss(b, a) >= 6 * options_.lambda_label) continue;
+        if (paired_.insert({chosen[a], chosen[b]}).second) tasks.push_back({a, b});
       }
     }
+    const MotionKind kind = richest(options_.kinds);
+    std::vector<MotionModel> models(tasks.size());
+    pool_.for_each(tasks.size(), [&](std::size_t i, int worker) {
+      const Task& task = tasks[i];
+      Points cluster = members[task.start];
+      if (task.other != task.start) append(cluster, members[task.other]);
+      const MotionModel start = convert_motion(models_[chosen[task.start]], kind, frame_, plane_);
+      models[i] = refine_motion(cluster.view(), start, frame_, fit_region(cluster.view(), start, frame_, plane_),
+                                coarse, contrast_workspaces_[static_cast<std::size_t>(worker)])
+                      .model;
+    });
+    return models;
   }
-  const MotionKind kind = richest(options.kinds);
-  std::vector<MotionModel> refits(tasks.size());
-  std::vector<ContrastWorkspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
-  pool.for_each(tasks.size(), [&](std::size_t i, int worker) {
-    const Task& task = tasks[i];
-    Points cluster = members[task.start];
-    if (task.other != task.start) {
-      const Points& other = members[task.other];
-      cluster.x.insert(cluster.x.end(), other.x.begin(), other.x.end());
-      cluster.y.insert(cluster.y.end(), other.y.begin(), other.y.end());
-      cluster.dt.insert(cluster.dt.end(), other.dt.begin(), other.dt.end());
+
+  std::size_t candidate_count() const { return models_.size(); }
+
+  // Whether a candidate added after the first `count` was chosen.
+  bool chosen_since(std::size_t count) const {
+    return std::any_of(selection_.chosen.begin(), selection_.chosen.end(), [&](std::size_t m) { return m >= count; });
+  }
+
+  std::vector<MotionModel> chosen_models() const {
+    std::vector<MotionModel> models;
+    for (const std::size_t m : selection_.chosen) models.push_back(models_[m]);
+    return models;
+  }
+
+ private:
+  std::size_t chosen_for(std::int32_t block) const {
+    return static_cast<std::size_t>(selection_.of_block[static_cast<std::size_t>(block)]);
+  }
+
+  // G_ref by the models chosen last, or by all before there is a choice.
+  double reference_of_chosen() const {
+    std::vector<const ModelSupport*> pointers;
+    for (const std::size_t m : selection_.chosen) pointers.push_back(&supports_[m]);
+    if (pointers.empty()) {
+      for (const ModelSupport& support : supports_) pointers.push_back(&support);
     }
-    const MotionModel start = convert_motion(models[task.start], kind, frame, plane);
-    refits[i] = refine_motion(cluster.view(), start, frame, fit_region(cluster.view(), start, frame, plane),
-                              options.refine, workspaces[static_cast<std::size_t>(worker)])
-                    .model;
-  });
-  return refits;
-}
+    return reference_sharpness(options_.term, pointers);
+  }
+
+  // What explaining the blocks of chosen model `from` by chosen model `to` would add to the data cost.
+  double merging_loss(std::size_t from, std::size_t to) const {
+    double loss = 0;
+    for (std::size_t b = 0; b < grid_.count(); ++b) {
+      if (chosen_for(static_cast<std::int32_t>(b)) != from) continue;
+      loss += costs_[selection_.chosen[to]][b] - costs_[selection_.chosen[from]][b];
+    }
+    return loss;
+  }
+
+  static void append(Points& to, const Points& from) {
+    to.x.insert(to.x.end(), from.x.begin(), from.x.end());
+    to.y.insert(to.y.end(), from.y.begin(), from.y.end());
+    to.dt.insert(to.dt.end(), from.dt.begin(), from.dt.end());
+  }
+
+  const PointView points_;
+  const WarpFrame& frame_;
+  const Region plane_;
+  const PoolOptions& options_;
+  ThreadPool& pool_;
+  std::vector<float> taps_;
+  BlockGrid grid_;
+  std::vector<SupportWorkspace> support_workspaces_;
+  std::vector<ContrastWorkspace> contrast_workspaces_;
+  std::vector<MotionModel> models_;
+  std::vector<ModelSupport> supports_;
+  std::vector<std::vector<float>> costs_;  // per model, per block
+  Selection selection_;
+  std::set<std::pair<std::size_t, std::size_t>> fitted_;  // candidates refitted, with the number of their events
+  std::set<std::pair<std::size_t, std::size_t>> paired_;  // pairs of candidates fitted together
+};
 
 }  // namespace
 
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool) {
-  if (points.size() == 0) return {convert_motion(Translation{}, richest(options.kinds), frame, plane)};
-  const BlockGrid grid = make_block_grid(points, plane, options.block);
-  Candidates candidates(points, frame, plane, options, pool);
-  candidates.tell_apart(0);
-  std::vector<MotionModel> proposals = options.candidates;
-  for (const MotionModel& model : propose_translations(points, positive, plane, options, pool)) proposals.push_back(model);
-  candidates.add(std::move(proposals));
-  // Two rounds: the first fits are on blocks that coarse velocities chose, the second on those that good models chose.
-  for (int round = 0; round < 2; ++round) {
-    const Selection selection = candidates.choose(grid);
-    candidates.tell_apart(0.02);
-    candidates.add(propose_refits(points, grid, selection, candidates.models(), frame, plane, options, pool));
+  if (points.size() == 0) return {make_motion(richest(options.kinds))};
+  PoolSearch search(points, frame, plane, options, pool);
+  search.add(options.candidates);
+  search.add(propose_translations(points, positive, plane, options, pool));
+  search.choose();
+  // Coarse candidates stay in the race: better models free blocks that others explain.
+  for (int round = 0; round < options.max_rounds; ++round) {
+    const std::size_t before = search.candidate_count();
+    search.add(search.refits());
+    search.choose();
+    if (search.candidate_count() == before || !search.chosen_since(before)) break;
   }
-  candidates.choose(grid);
-  std::vector<MotionModel> models = candidates.models();
+  std::vector<MotionModel> models = search.chosen_models();
   const MotionKind kind = richest(options.kinds);
   for (MotionModel& model : models) model = convert_motion(model, kind, frame, plane);
   return models;

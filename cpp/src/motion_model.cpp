@@ -51,8 +51,8 @@ std::array<float, 3> Rotation::Warp::rotate(float x, float y, float dt) const {
   const float cross_z = ax * by - ay * bx;
   const float along = ax * bx + ay * by + az;
   // a x (a x b) = a (a.b) - b
-  return {bx + sine * cross_x + versine * (ax * along - bx), by + sine * cross_y + versine * (ay * along - by),
-          1 + sine * cross_z + versine * (az * along - 1)};
+  return {bx + sine * cross_x + versine * (ax * along - bx),
+          by + sine * cross_y + versine * (ay * along - by), 1 + sine * cross_z + versine * (az * along - 1)};
 }
 
 WarpJacobian<3> Rotation::Warp::jacobian(float x, float y, float dt) const {
@@ -127,7 +127,8 @@ MotionModel default_motion(std::size_t index, std::index_sequence<I...>) {
 }
 
 MotionModel still(MotionKind kind) {
-  return default_motion(static_cast<std::size_t>(kind), std::make_index_sequence<std::variant_size_v<MotionModel>>());
+  return default_motion(static_cast<std::size_t>(kind),
+                        std::make_index_sequence<std::variant_size_v<MotionModel>>());
 }
 
 constexpr std::array all_kinds = {MotionKind::translation, MotionKind::rotation, MotionKind::similarity,
@@ -175,7 +176,28 @@ std::span<const double> params_of(const MotionModel& model) {
   return std::visit([](const auto& m) { return std::span<const double>(m.params); }, model);
 }
 
-MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs, const WarpFrame& frame) {
+namespace {
+
+// Sized at run time, up to the eight parameters of a model: solved once for all models rather than per size,
+// which takes the compiler a minute.
+using SmallMatrix = Eigen::MatrixXd;
+using SmallVector = Eigen::VectorXd;
+
+// The least-squares solution of least norm, in units in which every parameter has the same leverage.
+SmallVector minimum_norm_solution(const SmallMatrix& normal, const SmallVector& right) {
+  const SmallVector scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const SmallMatrix scaled = scale.asDiagonal() * normal * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(scaled);
+  const SmallVector inverse =
+      eigen.eigenvalues().unaryExpr([](double value) { return value > 1e-9 ? 1 / value : 0.0; });
+  const SmallVector projected = eigen.eigenvectors().transpose() * scale.cwiseProduct(right);
+  return scale.cwiseProduct(eigen.eigenvectors() * inverse.cwiseProduct(projected));
+}
+
+}  // namespace
+
+MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs,
+                                const WarpFrame& frame) {
   MotionModel result = still(kind);
   // Similarity and rotation are linear in their parameters to first order only: a few more steps take up the rest.
   constexpr double converged = 1e-4;  // px, root mean square; the next step would be far smaller still
@@ -202,17 +224,7 @@ MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence>
             normal += pair.weight * rows.transpose() * rows;
             right += pair.weight * rows.transpose() * error;
           }
-          // Minimum-norm step in units in which every parameter has the same leverage.
-          const Eigen::Matrix<double, Model::dof, 1> scale =
-              normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-          const Eigen::Matrix<double, Model::dof, Model::dof> scaled =
-              scale.asDiagonal() * normal * scale.asDiagonal();
-          const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, Model::dof, Model::dof>> eigen(scaled);
-          const Eigen::Matrix<double, Model::dof, 1> inverse = eigen.eigenvalues().unaryExpr(
-              [](double value) { return value > 1e-9 ? 1 / value : 0.0; });
-          const Eigen::Matrix<double, Model::dof, 1> step =
-              scale.asDiagonal() * (eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
-                                    (scale.asDiagonal() * right));
+          const SmallVector step = minimum_norm_solution(normal, right);
           for (int d = 0; d < Model::dof; ++d) m.params[static_cast<std::size_t>(d)] += step[d];
           moved = weight > 0 ? std::sqrt(std::max(0.0, step.dot(normal * step)) / weight) : 0;
         },
@@ -223,7 +235,8 @@ MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence>
 
 MotionModel convert_motion(const MotionModel& model, MotionKind kind, const WarpFrame& frame, Region plane) {
   if (kind_of(model) == kind) return model;
-  constexpr float dt = 1e-2f;  // short, so that first and exact order agree; any value of the order of a window
+  constexpr float dt =
+      1e-2f;  // short, so that first and exact order agree; any value of the order of a window
   constexpr int steps = 5;
   std::vector<Correspondence> pairs;
   std::visit(
@@ -257,8 +270,8 @@ Points make_points(const EventView& events, std::int64_t t_ref, const Undistorti
   for (std::size_t k = 0; k < n; ++k) {
     points.dt[k] = static_cast<float>(seconds_between(t_ref, events.t[k]));
     if (table) {
-      const std::size_t pixel = static_cast<std::size_t>(events.y[k]) * static_cast<std::size_t>(table->size.width) +
-                                events.x[k];
+      const std::size_t pixel =
+          static_cast<std::size_t>(events.y[k]) * static_cast<std::size_t>(table->size.width) + events.x[k];
       points.x[k] = table->x[pixel];
       points.y[k] = table->y[pixel];
     } else {
@@ -269,8 +282,8 @@ Points make_points(const EventView& events, std::int64_t t_ref, const Undistorti
   return points;
 }
 
-void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame, std::span<float> x,
-                 std::span<float> y) {
+void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame,
+                 std::span<float> x, std::span<float> y) {
   assert(x.size() == points.size() && y.size() == points.size());
   std::visit(
       [&](const auto& m) {
@@ -284,7 +297,8 @@ void warp_points(const PointView& points, const MotionModel& model, const WarpFr
       model);
 }
 
-double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame, const PointView& points) {
+double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame,
+                       const PointView& points) {
   if (points.size() == 0) return 0;
   std::vector<float> ax(points.size()), ay(points.size()), bx(points.size()), by(points.size());
   warp_points(points, a, frame, ax, ay);

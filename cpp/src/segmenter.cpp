@@ -351,7 +351,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   }
   order_labels(background, alternation.models(), alternation.labels(), result);
   if (options_.mark_noise) {
-    const auto lonely = find_lonely_events(points, result.labels, result.models, frame_, plane_, 2);
+    const auto lonely = find_lonely_events(points, result.labels, result.models, frame_, plane_, 1);
     for (std::size_t k = 0; k < n; ++k) {
       if (lonely[k]) result.labels[k] = noise_label;
     }

@@ -4,23 +4,392 @@ The native core of emseg; the public surface is the emseg package.
 
 from __future__ import annotations
 
+import collections.abc
 import typing
 
 import numpy
 import numpy.typing
 
-__all__: list[str] = ["check_events", "version"]
+__all__: list[str] = [
+    "Camera",
+    "DistortionModel",
+    "Segmentation",
+    "Segmenter",
+    "SegmenterOptions",
+    "WarpFrame",
+    "check_events",
+    "contrast",
+    "delaunay_edges",
+    "delaunay_edges_cgal",
+    "event_graph",
+    "expansion",
+    "fit_motion",
+    "iwe",
+    "labeling_energy",
+    "max_flow",
+    "version",
+    "warp",
+    "windows_by_count",
+    "windows_by_duration",
+]
+
+class DistortionModel:
+    """
+    Members:
+
+      none
+
+      radtan
+
+      equidistant
+    """
+
+    __members__: typing.ClassVar[dict[str, DistortionModel]]
+    equidistant: typing.ClassVar[DistortionModel]
+    none: typing.ClassVar[DistortionModel]
+    radtan: typing.ClassVar[DistortionModel]
+    @typing.overload
+    def __eq__(self, other: DistortionModel) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: DistortionModel) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class Camera:
+    """
+    Intrinsics and lens distortion; emseg.Camera is its public face.
+    """
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+        *,
+        fx: typing.SupportsFloat | typing.SupportsIndex,
+        fy: typing.SupportsFloat | typing.SupportsIndex,
+        cx: typing.SupportsFloat | typing.SupportsIndex,
+        cy: typing.SupportsFloat | typing.SupportsIndex,
+        model: DistortionModel,
+        distortion: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(5)"
+        ],
+    ) -> None:
+        """
+        Raise ValueError where the numbers make no camera.
+        """
+    def distort_pixel(
+        self, x: typing.SupportsFloat | typing.SupportsIndex, y: typing.SupportsFloat | typing.SupportsIndex
+    ) -> tuple[float, float]: ...
+    def undistort_pixel(
+        self, x: typing.SupportsFloat | typing.SupportsIndex, y: typing.SupportsFloat | typing.SupportsIndex
+    ) -> tuple[float, float]: ...
+    def undistortion_table(self) -> tuple:
+        """
+        Undistorted x and y of every pixel, two float32 arrays (height, width).
+        """
+
+class WarpFrame:
+    """
+    What warps are relative to: image centre, normalising length, intrinsics.
+    """
+    @typing.overload
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    @typing.overload
+    def __init__(self, camera: Camera) -> None: ...
+    @property
+    def cx(self) -> float: ...
+    @property
+    def cy(self) -> float: ...
+    @property
+    def f0(self) -> float: ...
+
+class SegmenterOptions:
+    """
+    Settings of the engine; emseg.Config is their public face.
+    """
+    def __init__(
+        self,
+        *,
+        data_term: str = "logarithmic",
+        lambda_data: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 30.0,
+        lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        bracket_row: typing.SupportsInt | typing.SupportsIndex = 6,
+        bracket_col: typing.SupportsInt | typing.SupportsIndex = 6,
+        affine_trans2d_max: typing.SupportsFloat | typing.SupportsIndex = 5000.0,
+        affine_scale_max: typing.SupportsFloat | typing.SupportsIndex = 0.5,
+        affine_theta_max: typing.SupportsFloat | typing.SupportsIndex = 1.5,
+        kinds: collections.abc.Sequence[str] = ["translation", "similarity"],
+        num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
+        num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
+        sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        mark_noise: bool = True,
+        threads: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None:
+        """
+        Raise ValueError that names the first setting out of range.
+        """
+
+class Segmentation:
+    """
+    What the engine makes of one window.
+    """
+    @property
+    def energy(self) -> int: ...
+    @property
+    def energy_trace(self) -> list[int]: ...
+    @property
+    def labels(self) -> numpy.typing.NDArray[numpy.int32]: ...
+    @property
+    def models(self) -> list[tuple[str, list[float]]]: ...
+    @property
+    def next_duration_us(self) -> int: ...
+    @property
+    def reference_sharpness(self) -> float: ...
+    @property
+    def t_ref(self) -> int: ...
+    @property
+    def timings(self) -> list[tuple[str, float]]: ...
+
+class Segmenter:
+    """
+    The engine for one sensor: keeps tables, threads and memory between windows.
+    """
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+        options: SegmenterOptions,
+        camera: Camera = None,
+    ) -> None: ...
+    def segment(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+        t_ref: typing.SupportsInt | typing.SupportsIndex | None = None,
+        pool: collections.abc.Sequence[
+            tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
+        ] = [],
+        candidates: collections.abc.Sequence[
+            tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
+        ] = [],
+    ) -> Segmentation:
+        """
+        Segment one window.  Models are (kind, parameters); an empty pool is searched for.
+        """
+    def window_end(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+        begin: typing.SupportsInt | typing.SupportsIndex,
+        duration_us: typing.SupportsInt | typing.SupportsIndex,
+    ) -> int:
+        """
+        One past the last event of a window of this duration; 0 is judged from the events.
+        """
 
 def check_events(
-    x: typing.Annotated[numpy.typing.ArrayLike, numpy.uint16],
-    y: typing.Annotated[numpy.typing.ArrayLike, numpy.uint16],
-    t: typing.Annotated[numpy.typing.ArrayLike, numpy.int64],
-    p: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8],
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
     width: typing.SupportsInt | typing.SupportsIndex,
     height: typing.SupportsInt | typing.SupportsIndex,
 ) -> None:
     """
     Raise ValueError at the first event out of order, off the sensor or with a wrong polarity.
+    """
+
+def contrast(
+    x: numpy.typing.NDArray[numpy.float32],
+    y: numpy.typing.NDArray[numpy.float32],
+    dt: numpy.typing.NDArray[numpy.float32],
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    measure: str = "variance",
+) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
+    """
+    Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
+    """
+
+def delaunay_edges(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Edges int32 (m, 2) of a Delaunay triangulation of distinct pixels int32 (n, 2) given as x, y.
+    """
+
+def delaunay_edges_cgal(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    The same by CGAL: the oracle and the pace to beat.
+    """
+
+def event_graph(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple:
+    """
+    Space-time graph in compressed rows: indptr int64 (n + 1,), indices int32 (edges,), each edge once.
+    """
+
+@typing.overload
+def expansion(
+    label_count: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int32],
+    indptr: numpy.typing.NDArray[numpy.int64],
+    indices: numpy.typing.NDArray[numpy.int32],
+    weight: numpy.typing.NDArray[numpy.int32],
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    initial: numpy.typing.NDArray[numpy.int32],
+    max_sweeps: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.int32], int, numpy.typing.NDArray[numpy.int64]]:
+    """
+    Labels, energy, and the energy before the first sweep and after each; an empty initial starts from the
+    cheapest labels.
+    """
+
+@typing.overload
+def expansion(
+    label_count: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int64],
+    indptr: numpy.typing.NDArray[numpy.int64],
+    indices: numpy.typing.NDArray[numpy.int32],
+    weight: numpy.typing.NDArray[numpy.int64],
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    initial: numpy.typing.NDArray[numpy.int32],
+    max_sweeps: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.int32], int, numpy.typing.NDArray[numpy.int64]]:
+    """
+    Labels, energy, and the energy before the first sweep and after each; an empty initial starts from the
+    cheapest labels.
+    """
+
+def fit_motion(
+    x: numpy.typing.NDArray[numpy.float32],
+    y: numpy.typing.NDArray[numpy.float32],
+    dt: numpy.typing.NDArray[numpy.float32],
+    p: numpy.typing.NDArray[numpy.uint8],
+    kind: str,
+    frame: WarpFrame,
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    sigma: typing.SupportsFloat | typing.SupportsIndex,
+    measure: str,
+    max_speed: typing.SupportsFloat | typing.SupportsIndex,
+    max_scale_rate: typing.SupportsFloat | typing.SupportsIndex,
+    max_angle_rate: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.float64], float, int]:
+    """
+    Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.
+    """
+
+def iwe(
+    x: numpy.typing.NDArray[numpy.float32],
+    y: numpy.typing.NDArray[numpy.float32],
+    dt: numpy.typing.NDArray[numpy.float32],
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    sigma: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Image of warped events, float32 (height, width).
+    """
+
+@typing.overload
+def labeling_energy(
+    label_count: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int32],
+    indptr: numpy.typing.NDArray[numpy.int64],
+    indices: numpy.typing.NDArray[numpy.int32],
+    weight: numpy.typing.NDArray[numpy.int32],
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    labels: numpy.typing.NDArray[numpy.int32],
+) -> int:
+    """
+    Data, Potts and label costs of a labelling.
+    """
+
+@typing.overload
+def labeling_energy(
+    label_count: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int64],
+    indptr: numpy.typing.NDArray[numpy.int64],
+    indices: numpy.typing.NDArray[numpy.int32],
+    weight: numpy.typing.NDArray[numpy.int64],
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    labels: numpy.typing.NDArray[numpy.int32],
+) -> int:
+    """
+    Data, Potts and label costs of a labelling.
+    """
+
+def max_flow(
+    tail: numpy.typing.NDArray[numpy.int32],
+    head: numpy.typing.NDArray[numpy.int32],
+    capacity: numpy.typing.NDArray[numpy.int64],
+    reverse: numpy.typing.NDArray[numpy.int64],
+    source: numpy.typing.NDArray[numpy.int64],
+    sink: numpy.typing.NDArray[numpy.int64],
+) -> tuple[int, numpy.typing.NDArray[numpy.uint8]]:
+    """
+    Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
+    """
+
+def warp(
+    x: numpy.typing.NDArray[numpy.float32],
+    y: numpy.typing.NDArray[numpy.float32],
+    dt: numpy.typing.NDArray[numpy.float32],
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Warped positions, float32 (n, 2).
+    """
+
+def windows_by_count(
+    event_count: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex
+) -> numpy.typing.NDArray[numpy.int64]:
+    """
+    Bounds int64 (k, 2) of successive windows of `count` events; the last holds the rest.
+    """
+
+def windows_by_duration(
+    t: numpy.typing.NDArray[numpy.int64], duration_us: typing.SupportsInt | typing.SupportsIndex
+) -> numpy.typing.NDArray[numpy.int64]:
+    """
+    Bounds int64 (k, 2) of the windows [t0 + k d, t0 + (k+1) d) that hold events.
     """
 
 version: str = "0.1.0"

@@ -25,6 +25,8 @@ DONE: Final = 0
 SOME_FAILED: Final = 1
 INTERRUPTED: Final = 130
 
+NO_ENCODER: Final = "no video encoder is installed: pip install 'emseg[viz]'"
+
 app = typer.Typer(
     name="emseg",
     help="Motion segmentation with event cameras.",
@@ -77,6 +79,8 @@ def segment(
     """
     config = _config(config_file, preset)
     _check_camera(camera)
+    if video and not _has_video_encoder():
+        raise typer.BadParameter(NO_ENCODER, param_hint="--video")
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file, expected a folder", param_hint="--out")
     from emseg.batch import find_inputs
@@ -207,8 +211,10 @@ def demo(
     """Segment the bundled recordings, with videos."""
     from emseg.datasets import bundled
 
-    sources = list(bundled().values())
-    status = _segment_all(sources, out, Config(), None, _has_video_encoder(), 1, False)
+    video = _has_video_encoder()
+    if not video:
+        typer.echo(f"no videos: {NO_ENCODER}", err=True)
+    status = _segment_all(list(bundled().values()), out, Config(), None, video, 1, False)
     if status == DONE:
         typer.echo("look at:")
         for path in sorted([*out.glob("*/*.png"), *out.glob("*/*.mp4")]):
@@ -265,10 +271,7 @@ def _check_camera(path: Path | None) -> None:
 
 
 def _has_video_encoder() -> bool:
-    found = any(importlib.util.find_spec(name) for name in ("imageio_ffmpeg", "cv2"))
-    if not found:
-        typer.echo("no videos: pip install 'emseg[viz]'", err=True)
-    return found
+    return any(importlib.util.find_spec(name) for name in ("imageio_ffmpeg", "cv2"))
 
 
 def main() -> NoReturn:

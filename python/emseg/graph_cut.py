@@ -166,10 +166,12 @@ def _problem(
     weights = _vector("weight", np.atleast_1d(_numbers("weight", weight)))
     costs = _vector("label_cost", np.atleast_1d(_numbers("label_cost", label_cost)))
 
-    total = _total(data)
-    total += _total(weights) * (len(neighbours) if len(weights) == 1 else 1)
-    total += _total(costs) * (data.shape[1] if len(costs) == 1 else 1)
-    exponent = _exponent((data, weights, costs), total)
+    exponent = None
+    if any(part.dtype.kind == "f" for part in (data, weights, costs)):
+        total = _total(data)
+        total += _total(weights) * (len(neighbours) if len(weights) == 1 else 1)
+        total += _total(costs) * (data.shape[1] if len(costs) == 1 else 1)
+        exponent = _exponent((data, weights, costs), total)
     data, weights, costs = (_quantised(part, exponent) for part in (data, weights, costs))
     dtype = np.int32 if _fits_int32(data) and _fits_int32(weights) else np.int64
     problem = (

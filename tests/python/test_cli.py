@@ -20,7 +20,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import emseg
-from emseg import batch, writers
+from emseg import batch, cli, writers
 from emseg.cli import app
 from emseg.config import Config
 from emseg.events import EventArray
@@ -389,6 +389,25 @@ def test_video_and_render(tmp_path: Path, with_video_at_once: bool) -> None:
     assert "is not the recording that" in other.output
     assert "no such file" in emseg_("render", tmp_path / "none").output
     assert {path.name for path in (tmp_path / "out" / "a").iterdir() if path.name[0] == "."} == set()
+
+
+def test_video_without_encoder_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None)
+    result = emseg_("segment", recording(tmp_path / "a.npz"), "--out", tmp_path / "out", "--video")
+    assert result.exit_code == 2
+    assert "pip install 'emseg[viz]'" in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_demo_segments_what_is_bundled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    sources = {"one": recording(tmp_path / "one.npz"), "two": recording(tmp_path / "two.npz", seed=1)}
+    monkeypatch.setattr("emseg.datasets.bundled", lambda: sources)
+    result = emseg_("demo", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for name in sources:
+        assert f"  {tmp_path / 'out' / name / 'segmentation.mp4'}" in result.output
+        assert f"  {tmp_path / 'out' / name / 'preview.png'}" in result.output
 
 
 def test_atomic_folder_keeps_the_old_one_on_failure(tmp_path: Path) -> None:

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-import emseg
-
 README = Path(__file__).parents[2] / "README.md"
 EXAMPLES = re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.MULTILINE | re.DOTALL)
 
@@ -15,8 +13,6 @@ def test_readme_has_examples():
     assert EXAMPLES
 
 
-# LEAD: delete this mark when emseg.segment has landed.
-@pytest.mark.skipif(not hasattr(emseg, "segment"), reason="emseg.segment has not landed yet")
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_readme_example_runs(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

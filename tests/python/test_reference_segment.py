@@ -6,8 +6,11 @@ from reference_windows import PATCH_VELOCITIES, recorded, recorded_window, true_
 
 from emseg.metrics import one_to_one_accuracy
 from emseg.reference import (
+    Camera,
     FitOptions,
+    ImageFrame,
     MotionModel,
+    Region,
     SearchOptions,
     SegmentOptions,
     build_event_graph,
@@ -17,9 +20,10 @@ from emseg.reference import (
     refine,
     segment,
     unary_costs,
+    undistortion_table,
     variance,
 )
-from emseg.reference.energy import logarithmic_data_term, published_data_term
+from emseg.reference.energy import logarithmic_data_term, published_data_term, reference_sharpness
 
 SMALL = SegmentOptions(
     fit=FitOptions(search=SearchOptions(translation_max=1000.0)), bracket_row=3, lambda_label=2000
@@ -27,18 +31,49 @@ SMALL = SegmentOptions(
 
 
 def test_published_data_term_by_hand():
-    np.testing.assert_allclose(published_data_term(np.array([[0.0, 5.0, 2.0]]), 5.0), [[255.0, 0.0, 153.0]])
-    np.testing.assert_allclose(published_data_term(np.zeros((1, 2)), 0.0), [[255.0, 255.0]])
+    np.testing.assert_allclose(
+        published_data_term(np.array([[0.0, 5.0, 2.0, 6.0]]), 5.0), [[255.0, 0.0, 153.0, 0.0]]
+    )
+    np.testing.assert_allclose(published_data_term(np.zeros((1, 2)), 0.0), [[0.0, 0.0]])
 
 
 def test_logarithmic_data_term_by_hand():
+    cost = logarithmic_data_term(np.array([[0.0, 1.0, 2.0, 5.0, 9.0]]), 5.0)
+    np.testing.assert_allclose(
+        cost, [[255.0, 255 * np.log(3) / np.log(6), 255 * np.log(2) / np.log(6), 0.0, 0.0]], atol=1e-12
+    )
+    np.testing.assert_allclose(logarithmic_data_term(np.zeros((1, 2)), 0.0), [[0.0, 0.0]])
+
+
+def test_reference_sharpness_by_hand():
     best = np.arange(101) / 10  # 95 % quantile: 9.5
-    cost = logarithmic_data_term(np.column_stack([best, np.zeros(101)]))
-    assert cost[95, 0] == pytest.approx(0.0, abs=1e-12)
-    assert cost[100, 0] == 0.0
-    assert cost[20, 0] == pytest.approx(60 * np.log(9.65 / 2.15))
-    assert cost[0, 1] == pytest.approx(60 * np.log(9.65 / 0.15))
-    assert logarithmic_data_term(np.array([[1e6, 0.0]]))[0, 1] == 255.0
+    values = np.column_stack([np.zeros(101), best])
+    assert reference_sharpness(values, [3.0, 20.0], data_term="logarithmic") == pytest.approx(9.5)
+    assert reference_sharpness(values, [3.0, 20.0], data_term="published") == 20.0
+
+
+def test_canvas_is_half_the_image_plane_larger_on_every_side():
+    assert ImageFrame(7, 4).canvas == Region(-3, -2, 13, 8)
+    assert ImageFrame(7, 4, Camera(5.0, 5.0, 3.0, 2.0)).canvas == Region(-3, -2, 13, 8)
+    camera = Camera(200.0, 200.0, 119.5, 89.5, distortion=(-0.3, 0.1))
+    plane = ImageFrame(240, 180, camera).image_plane
+    places = undistortion_table(camera, 240, 180)
+    for axis, (first, length) in enumerate([(plane.x0, plane.width), (plane.y0, plane.height)]):
+        low, high = places[..., axis].min(), places[..., axis].max()
+        assert first <= low < first + 1
+        assert first + length - 2 < high <= first + length - 1
+    assert plane.x0 < 0
+    assert plane.width > 240
+
+
+@pytest.mark.parametrize("data_term", ["published", "logarithmic"])
+def test_events_that_leave_the_sensor_keep_their_votes_up_to_the_edge_of_the_canvas(data_term):
+    window = make_window([1] * 10 + [4] * 10, [4] * 20, range(20), width=8, height=8, t_ref=0)
+    window = replace(window, dt=np.ones(20))
+    outside = MotionModel("translation", (4.0, 0.0))  # to columns -3 and 0; the canvas begins at -4
+    away = MotionModel("translation", (9.0, 0.0))  # to columns -8 and -5
+    costs = unary_costs([outside, away], window, data_term=data_term)
+    assert costs.tolist() == [[0, 255]] * 20
 
 
 @pytest.mark.parametrize("data_term", ["published", "logarithmic"])

@@ -8,7 +8,7 @@
 namespace emseg {
 
 struct AdaptiveWindowOptions {
-  double displacement = 5;                    // px that the quantile of motions moves within a window
+  double displacement = 10;                    // px that the quantile of motions moves within a window
   double quantile = 0.75;
   std::int64_t min_duration_us = 1'000;
   std::int64_t max_duration_us = 200'000;

@@ -19,8 +19,10 @@ struct PoolOptions {
   double lambda_label = 8000;
   double sigma = 1;             // blur of the data term's images, px
   int block = 8;                // side of the blocks that models are chosen over, px
-  double same_motion = 1.0;     // models closer than this, px root mean square over the events, count as one
-  std::size_t max_candidates = 32;
+  int tile = 64;                // side of the smallest sub-volumes, which overlap by half, px
+  double same_motion = 2.5;     // velocities closer than this, px over the window, count as one
+  std::size_t max_candidates = 64;
+  int max_rounds = 4;           // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
 };
 

@@ -6,7 +6,7 @@ Read `segment` first; it calls, in this order, `graph`, `pool` (through `search`
 
 from emseg.reference.camera import Camera, undistortion_table
 from emseg.reference.contrast import CONTRASTS, gradient_magnitude, mean_square, variance
-from emseg.reference.energy import labeling_energy, unary_costs
+from emseg.reference.energy import data_costs, labeling_energy, unary_costs
 from emseg.reference.expansion import ExpansionResult, expansion, expansion_move
 from emseg.reference.fit import FitOptions, fit_motion, refine
 from emseg.reference.graph import EventGraph, build_event_graph, delaunay_edges, graph_of_edges
@@ -15,7 +15,7 @@ from emseg.reference.pool import model_pool, sub_volumes
 from emseg.reference.search import SearchOptions, search
 from emseg.reference.segment import Segmentation, SegmentOptions, segment
 from emseg.reference.warp import DEGREES_OF_FREEDOM, MotionModel, warp, warp_points
-from emseg.reference.window import ImageFrame, Window, make_window
+from emseg.reference.window import ImageFrame, Region, Window, make_window
 
 __all__ = [
     "CONTRASTS",
@@ -26,6 +26,7 @@ __all__ = [
     "FitOptions",
     "ImageFrame",
     "MotionModel",
+    "Region",
     "SearchOptions",
     "SegmentOptions",
     "Segmentation",
@@ -34,6 +35,7 @@ __all__ = [
     "bilinear_votes",
     "blur",
     "build_event_graph",
+    "data_costs",
     "delaunay_edges",
     "expansion",
     "expansion_move",

@@ -24,30 +24,48 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MAX_COST = 255.0  # of one event, before lambda_D
-LOG_SCALE = 60.0  # cost of a drop of the warped image by a factor e
-LOG_FLOOR = 0.15  # events per pixel below which the logarithm flattens
-LOG_QUANTILE = 0.95  # of the events' best values: the value that costs nothing
+LOG_FLOOR = 0.2  # share of G_ref below which the logarithm flattens: what passes by chance
+LOG_QUANTILE = 0.95  # of the events' best sharpness: what costs nothing
 
 
 def warped_image_values(model: MotionModel, window: Window, *, sigma: float = 1.0) -> tuple[Floats, float]:
-    """G(e, m) (n,): the image of all events warped by m, looked up where m takes each; and its peak."""
-    image = iwe(model, window, sigma=sigma)
-    return bilinear_lookup(image, warp(model, window)), float(image.max())
+    """G(e, m) (n,): the image of all events warped by m, looked up where m takes each; and its peak.
 
-
-def published_data_term(values: Floats, peak: float) -> Floats:
-    """(2)  D(e, m) = 255 (1 - IWE_m(x') / IWE_max), (n, models); peak = IWE_max, of all models' images."""
-    return MAX_COST * (1 - values / peak) if peak > 0 else np.full_like(values, MAX_COST)
-
-
-def logarithmic_data_term(values: Floats) -> Floats:
-    """(3)  D(e, m) = 60 log((G_ref + .15) / (G + .15)) clipped to 0 .. 255, (n, models).
-
-    G_ref is the 95 % quantile over the events of their best value, so that no hot pixel sets the scale.
+    The image covers the canvas: see `ImageFrame.canvas`.
     """
-    reference = float(np.quantile(values.max(axis=1), LOG_QUANTILE))
-    cost = LOG_SCALE * np.log((reference + LOG_FLOOR) / (values + LOG_FLOOR))
-    return np.clip(cost, 0.0, MAX_COST)
+    canvas = window.frame.canvas
+    image = iwe(model, window, sigma=sigma, region=canvas)
+    return bilinear_lookup(image, warp(model, window) - [canvas.x0, canvas.y0]), float(image.max())
+
+
+def published_data_term(values: Floats, reference: float) -> Floats:
+    """(2)  D(e, m) = 255 (1 - g), g = min(1, G(e, m) / G_ref), (n, models)."""
+    return MAX_COST * (1 - _share(values, reference))
+
+
+def logarithmic_data_term(values: Floats, reference: float) -> Floats:
+    """(3)  D(e, m) = 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, g as in (2), (n, models)."""
+    drop: Floats = np.log((1 + LOG_FLOOR) / (_share(values, reference) + LOG_FLOOR))
+    return MAX_COST * drop / np.log((1 + LOG_FLOOR) / LOG_FLOOR)
+
+
+def _share(values: Floats, reference: float) -> Floats:
+    # Where no model's image holds an event, none of them costs anything.
+    return np.minimum(1.0, values / reference) if reference > 0 else np.ones_like(values)
+
+
+DATA_TERMS = {"published": published_data_term, "logarithmic": logarithmic_data_term}
+
+
+def reference_sharpness(values: Floats, peaks: Sequence[float], *, data_term: str) -> float:
+    """G_ref of models with G (n, models) and peaks (models,).
+
+    "published": the largest pixel of any model's image.  "logarithmic": the 95 % quantile over the events of
+    the best that any model gives each, so that no hot pixel sets the scale.
+    """
+    if data_term == "published":
+        return max(peaks)
+    return float(np.quantile(values.max(axis=1), LOG_QUANTILE))
 
 
 def unary_costs(
@@ -57,17 +75,33 @@ def unary_costs(
     data_term: str = "published",
     lambda_data: float = 1.0,
     sigma: float = 1.0,
+    reference: float | None = None,
 ) -> Integers:
-    """round(lambda_D D(e_k, m)), int64 (n, models)."""
+    """round(lambda_D D(e_k, m)), int64 (n, models).  `reference` is G_ref, by default these models' own."""
+    return np.rint(
+        data_costs(
+            models, window, data_term=data_term, lambda_data=lambda_data, sigma=sigma, reference=reference
+        )
+    ).astype(np.int64)
+
+
+def data_costs(
+    models: Sequence[MotionModel],
+    window: Window,
+    *,
+    data_term: str = "published",
+    lambda_data: float = 1.0,
+    sigma: float = 1.0,
+    reference: float | None = None,
+) -> Floats:
+    """lambda_D D(e_k, m) before it is rounded, (n, models).  The arguments are those of `unary_costs`."""
+    if data_term not in DATA_TERMS:
+        raise ValueError(f"data term {data_term!r}; expected 'published' or 'logarithmic'")
     columns, peaks = zip(*[warped_image_values(model, window, sigma=sigma) for model in models], strict=True)
     values = np.stack(columns, axis=1)
-    if data_term == "published":
-        cost = published_data_term(values, max(peaks))
-    elif data_term == "logarithmic":
-        cost = logarithmic_data_term(values)
-    else:
-        raise ValueError(f"data term {data_term!r}; expected 'published' or 'logarithmic'")
-    return np.rint(lambda_data * cost).astype(np.int64)
+    if reference is None:
+        reference = reference_sharpness(values, peaks, data_term=data_term)
+    return lambda_data * DATA_TERMS[data_term](values, reference)
 
 
 def labeling_energy(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from emseg.reference.warp import MotionModel, warp
-from emseg.reference.window import Window
+from emseg.reference.window import Region, Window
 
 Floats = NDArray[np.float64]
 
@@ -48,9 +48,14 @@ def blur(image: Floats, sigma: float) -> Floats:
     return np.asarray(ndimage.correlate1d(down, kernel, axis=1, mode="constant", cval=0.0))
 
 
-def iwe(model: MotionModel, window: Window, *, sigma: float = 1.0) -> Floats:
-    """Image (height, width) of the window's events warped to t_ref by the model, blurred by sigma px."""
-    return blur(bilinear_votes(warp(model, window), window.frame.width, window.frame.height), sigma)
+def iwe(model: MotionModel, window: Window, *, sigma: float = 1.0, region: Region | None = None) -> Floats:
+    """Image (height, width) of the window's events warped to t_ref by the model, blurred by sigma px.
+
+    It covers the region, the sensor by default; votes beyond it are dropped.
+    """
+    region = region or window.frame.sensor
+    points = warp(model, window) - [region.x0, region.y0]
+    return blur(bilinear_votes(points, region.width, region.height), sigma)
 
 
 @njit(cache=True)

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emseg.reference.camera import Camera, undistortion_table
+
+
+@dataclass(frozen=True)
+class Region:
+    """The pixels x0 .. x0 + width - 1, y0 .. y0 + height - 1 of the image plane."""
+
+    x0: int
+    y0: int
+    width: int
+    height: int
 
 
 @dataclass(frozen=True)
@@ -38,6 +49,31 @@ class ImageFrame:
         """The camera, or the assumed one."""
         centre = ((self.width - 1) / 2, (self.height - 1) / 2)
         return self.camera or Camera(self.focal_scale, self.focal_scale, *centre)
+
+    @property
+    def sensor(self) -> Region:
+        """The pixels of the sensor."""
+        return Region(0, 0, self.width, self.height)
+
+    @cached_property
+    def image_plane(self) -> Region:
+        """The smallest region that holds every undistorted pixel; the sensor where nothing is distorted."""
+        if self.camera is None or not any(self.camera.distortion):
+            return self.sensor
+        places = undistortion_table(self.camera, self.width, self.height)
+        x0, y0 = (int(low) for low in np.floor(places.min(axis=(0, 1))))
+        x1, y1 = (int(high) for high in np.ceil(places.max(axis=(0, 1))))
+        return Region(x0, y0, x1 - x0 + 1, y1 - y0 + 1)
+
+    @property
+    def canvas(self) -> Region:
+        """How far warped events are followed: the image plane and half as much again on every side.
+
+        So an event that leaves the sensor keeps its vote, and finds its neighbours' votes.
+        """
+        plane = self.image_plane
+        across, down = plane.width // 2, plane.height // 2
+        return Region(plane.x0 - across, plane.y0 - down, plane.width + 2 * across, plane.height + 2 * down)
 
 
 @dataclass(frozen=True)
