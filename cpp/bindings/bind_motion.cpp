@@ -21,10 +21,12 @@ PointView point_view(const Array<float>& x, const Array<float>& y, const Array<f
 }  // namespace
 
 void bind_motion(py::module_& m) {
-  py::class_<WarpFrame>(m, "WarpFrame", "What warps are relative to: image centre, normalising length, intrinsics.")
+  py::class_<WarpFrame>(m, "WarpFrame",
+                        "What warps are relative to: image centre, normalising length, intrinsics.")
       .def(py::init([](int width, int height) { return make_warp_frame({width, height}); }), py::arg("width"),
            py::arg("height"))
-      .def(py::init([](const Camera& camera) { return make_warp_frame(camera.size, &camera); }), py::arg("camera"))
+      .def(py::init([](const Camera& camera) { return make_warp_frame(camera.size, &camera); }),
+           py::arg("camera"))
       .def_readonly("cx", &WarpFrame::cx)
       .def_readonly("cy", &WarpFrame::cy)
       .def_readonly("f0", &WarpFrame::f0);
@@ -69,7 +71,8 @@ void bind_motion(py::module_& m) {
         return to_numpy(std::move(image.pixels), {height, width});
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
-      py::arg("width"), py::arg("height"), py::arg("sigma"), "Image of warped events, float32 (height, width).");
+      py::arg("width"), py::arg("height"), py::arg("sigma"),
+      "Image of warped events, float32 (height, width).");
 
   m.def(
       "contrast",
@@ -86,8 +89,9 @@ void bind_motion(py::module_& m) {
           result = contrast_and_gradient(points, model, frame, {0, 0, width, height}, options, workspace);
         }
         const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
-        return py::make_tuple(result.value, to_numpy(std::vector<double>(result.gradient.begin(),
-                                                                         result.gradient.begin() + static_cast<std::ptrdiff_t>(dof))));
+        return py::make_tuple(result.value, to_numpy(std::vector<double>(
+                                                result.gradient.begin(),
+                                                result.gradient.begin() + static_cast<std::ptrdiff_t>(dof))));
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
       py::arg("width"), py::arg("height"), py::arg("sigma") = 1.0, py::arg("measure") = "variance",
@@ -96,8 +100,9 @@ void bind_motion(py::module_& m) {
   m.def(
       "fit_motion",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
-         const std::string& kind, const WarpFrame& frame, int width, int height, double sigma, const std::string& measure,
-         double max_speed, double max_scale_rate, double max_angle_rate, int threads) {
+         const std::string& kind, const WarpFrame& frame, int width, int height, double sigma,
+         const std::string& measure, double max_speed, double max_scale_rate, double max_angle_rate,
+         int threads) {
         const PointView points = point_view(x, y, dt);
         if (p.size() != x.size()) {
           throw std::invalid_argument("x and p differ in length: " + std::to_string(x.size()) + ", " +
@@ -117,15 +122,16 @@ void bind_motion(py::module_& m) {
         return py::make_tuple(to_numpy(std::vector<double>(params.begin(), params.end())), result.contrast,
                               result.evaluations);
       },
-      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("kind"), py::arg("frame"), py::arg("width"),
-      py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"), py::arg("max_scale_rate"),
-      py::arg("max_angle_rate"), py::arg("threads"),
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("kind"), py::arg("frame"),
+      py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"),
+      py::arg("max_scale_rate"), py::arg("max_angle_rate"), py::arg("threads"),
       "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.");
 
   m.def(
       "sweep_velocities",
-      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p, int width,
-         int height, const std::vector<std::array<int, 4>>& regions, double max_speed, int threads) {
+      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
+         int width, int height, const std::vector<std::array<int, 4>>& regions, double max_speed,
+         int threads) {
         const PointView points = point_view(x, y, dt);
         std::vector<Region> parts;
         for (const auto& [x0, y0, w, h] : regions) parts.push_back({x0, y0, w, h});
@@ -144,7 +150,7 @@ void bind_motion(py::module_& m) {
         }
         return result;
       },
-      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("width"), py::arg("height"), py::arg("regions"),
-      py::arg("max_speed"), py::arg("threads"),
+      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("width"), py::arg("height"),
+      py::arg("regions"), py::arg("max_speed"), py::arg("threads"),
       "Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.");
 }

@@ -11,8 +11,8 @@
 namespace emseg {
 namespace {
 
-constexpr int tile = 32;                    // px
-constexpr double same_displacement = 1.6;   // px over the window
+constexpr int tile = 32;                   // px
+constexpr double same_displacement = 1.6;  // px over the window
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
@@ -27,8 +27,8 @@ struct Rung {
   double displacement = 0;  // quantile over the tiles, px
 };
 
-Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size, const AdaptiveWindowOptions& options,
-           ThreadPool& pool) {
+Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
+           const AdaptiveWindowOptions& options, ThreadPool& pool) {
   check_events(window, size);
   const Points points = make_points(window, std::midpoint(window.t.front(), window.t.back()));
   const int columns = (size.width + tile - 1) / tile;
@@ -39,12 +39,14 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size, co
   }
   std::vector<Region> regions;
   for (int row = 0; row < rows; ++row) {
-    for (int column = 0; column < columns; ++column) regions.push_back({column * tile, row * tile, tile, tile});
+    for (int column = 0; column < columns; ++column)
+      regions.push_back({column * tile, row * tile, tile, tile});
   }
   SweepOptions sweep;
   sweep.max_speed = options.max_speed;
   sweep.per_region = 1;
-  const auto velocities = sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
+  const auto velocities =
+      sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
 
   Rung rung;
   rung.duration_us = duration_us;
@@ -87,7 +89,8 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
     const std::size_t end = window_end(events.t, begin, duration);
     const EventView window = events.slice(begin, end);
     if (window.size() >= enough_in_window) rungs.push_back(judge(window, duration, size, options, pool));
-    if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement)) break;
+    if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement))
+      break;
   }
   double most = 0;
   for (const Rung& rung : rungs) most = std::max(most, rung.agreement);
@@ -99,7 +102,8 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
   return next_duration(best->duration_us, best->displacement, options);
 }
 
-std::int64_t next_duration(std::int64_t duration_us, double displacement, const AdaptiveWindowOptions& options) {
+std::int64_t next_duration(std::int64_t duration_us, double displacement,
+                           const AdaptiveWindowOptions& options) {
   const double factor = displacement > 0 ? std::clamp(options.displacement / displacement, 0.5, 2.0) : 2.0;
   return std::llround(std::clamp(factor * static_cast<double>(duration_us),
                                  static_cast<double>(options.min_duration_us),

@@ -15,13 +15,14 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
   for (std::size_t k = 0; k < points.size(); ++k) {
     const int column = static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / block;
     const int row = static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / block;
-    grid.of_event[k] = std::clamp(row, 0, grid.rows - 1) * grid.columns + std::clamp(column, 0, grid.columns - 1);
+    grid.of_event[k] =
+        std::clamp(row, 0, grid.rows - 1) * grid.columns + std::clamp(column, 0, grid.columns - 1);
   }
   return grid;
 }
 
-std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term, double reference,
-                               double lambda_data) {
+std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term,
+                               double reference, double lambda_data) {
   std::vector<float> own(grid.count(), 0.0f);
   const auto g_ref = static_cast<float>(reference);
   const auto lambda = static_cast<float>(lambda_data);
@@ -54,7 +55,8 @@ double total(const std::vector<float>& minimum) {
   return sum;
 }
 
-std::vector<float> minimum_over(const std::vector<std::vector<float>>& costs, const std::vector<std::size_t>& chosen) {
+std::vector<float> minimum_over(const std::vector<std::vector<float>>& costs,
+                                const std::vector<std::size_t>& chosen) {
   std::vector<float> minimum(costs.front().size(), std::numeric_limits<float>::max());
   for (const std::size_t m : chosen) {
     for (std::size_t b = 0; b < minimum.size(); ++b) minimum[b] = std::min(minimum[b], costs[m][b]);

@@ -14,7 +14,8 @@ MotionModel clamp_motion(const MotionModel& model, const MotionBounds& bounds, c
         using Model = std::decay_t<decltype(m)>;
         if constexpr (std::is_same_v<Model, Rotation>) {
           // An image speed about the centre of focal length times angular rate.
-          for (double& rate : m.params) limit(rate, std::max(bounds.speed / std::min(frame.fx, frame.fy), bounds.angle_rate));
+          for (double& rate : m.params)
+            limit(rate, std::max(bounds.speed / std::min(frame.fx, frame.fy), bounds.angle_rate));
         } else {
           limit(m.params[0], bounds.speed);
           limit(m.params[1], bounds.speed);
@@ -44,19 +45,24 @@ Eigen::VectorXd parameter_units(const PointView& points, const MotionModel& mode
         for (std::size_t k = 0; k < points.size(); k += stride, ++used) {
           const auto jacobian = warp.jacobian(points.x[k], points.y[k], points.dt[k]);
           for (std::size_t d = 0; d < jacobian.dx.size(); ++d) {
-            const double square = double(jacobian.dx[d]) * jacobian.dx[d] + double(jacobian.dy[d]) * jacobian.dy[d];
-            if (std::isfinite(square)) sum[static_cast<Eigen::Index>(d)] += square;  // a rotation may pass infinity
+            const double square =
+                double(jacobian.dx[d]) * jacobian.dx[d] + double(jacobian.dy[d]) * jacobian.dy[d];
+            if (std::isfinite(square))
+              sum[static_cast<Eigen::Index>(d)] += square;  // a rotation may pass infinity
           }
         }
-        return (sum / static_cast<double>(std::max<std::size_t>(1, used))).cwiseSqrt().cwiseMax(1e-9).cwiseInverse();
+        return (sum / static_cast<double>(std::max<std::size_t>(1, used)))
+            .cwiseSqrt()
+            .cwiseMax(1e-9)
+            .cwiseInverse();
       },
       model);
 }
 
 }  // namespace
 
-FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region region,
-                        const RefineOptions& options, ContrastWorkspace& workspace) {
+FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame,
+                        Region region, const RefineOptions& options, ContrastWorkspace& workspace) {
   FitResult best;
   best.model = clamp_motion(start, options.bounds, frame);
   if (points.size() == 0 || region.area() == 0) return best;
@@ -78,7 +84,8 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     Eigen::VectorXd gradient;
   };
   const auto evaluate = [&](const MotionModel& model) {
-    const ContrastResult result = contrast_and_gradient(points, model, frame, region, options.contrast, workspace);
+    const ContrastResult result =
+        contrast_and_gradient(points, model, frame, region, options.contrast, workspace);
     ++best.evaluations;
     Evaluation evaluation{result.value, Eigen::VectorXd::Zero(dof)};
     if (result.value > 0) {

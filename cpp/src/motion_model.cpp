@@ -199,7 +199,8 @@ SmallVector minimum_norm_solution(const SmallMatrix& normal, const SmallVector& 
 MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs,
                                 const WarpFrame& frame) {
   MotionModel result = still(kind);
-  // Similarity and rotation are linear in their parameters to first order only: a few more steps take up the rest.
+  // Similarity and rotation are linear in their parameters to first order only: a few more steps take up the
+  // rest.
   constexpr double converged = 1e-4;  // px, root mean square; the next step would be far smaller still
   double moved = 2 * converged;
   for (int iteration = 0; iteration < 20 && moved > converged; ++iteration) {

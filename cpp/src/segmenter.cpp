@@ -64,7 +64,8 @@ class Alternation {
         support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {
     std::vector<ModelSupport> supports(models_.size());
-    pool_.for_each(models_.size(), [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports[m]); });
+    pool_.for_each(models_.size(),
+                   [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports[m]); });
     std::vector<const ModelSupport*> pointers;
     for (const ModelSupport& support : supports) pointers.push_back(&support);
     reference_ = reference_sharpness(problem_.options.data_term, pointers);
@@ -86,8 +87,8 @@ class Alternation {
     clock_.lap("labels");
   }
 
-  // Models given labels: every used model is refitted on its own events, as each kind on offer; the refit that costs its
-  // events least takes the model's place.  True if one did.
+  // Models given labels: every used model is refitted on its own events, as each kind on offer; the refit
+  // that costs its events least takes the model's place.  True if one did.
   bool refit() {
     std::vector<Points> members(models_.size());
     std::vector<std::int64_t> current(models_.size(), 0);
@@ -111,7 +112,8 @@ class Alternation {
     pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
       Refit& refit = refits[i];
       const PointView own = members[refit.label].view();
-      const MotionModel start = convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
+      const MotionModel start =
+          convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
       const Region region = fit_region(own, start, problem_.frame, problem_.plane);
       refit.model = refine_motion(own, start, problem_.frame, region, problem_.refine,
                                   contrast_workspaces_[static_cast<std::size_t>(worker)])
@@ -160,7 +162,8 @@ class Alternation {
 
   std::vector<std::int32_t> costs_of(const ModelSupport& support) const {
     std::vector<std::int32_t> costs(support.sharpness.size());
-    integer_costs(problem_.options.data_term, support.sharpness, reference_, problem_.options.lambda_data, costs);
+    integer_costs(problem_.options.data_term, support.sharpness, reference_, problem_.options.lambda_data,
+                  costs);
     return costs;
   }
 
@@ -201,7 +204,8 @@ class Alternation {
   std::vector<std::int64_t> trace_;
 };
 
-// Puts the background first and the objects after it, most events first; labels nobody uses go, the background stays.
+// Puts the background first and the objects after it, most events first; labels nobody uses go, the
+// background stays.
 void order_labels(std::int32_t background, const std::vector<MotionModel>& models,
                   const std::vector<std::int32_t>& labels, Segmentation& result) {
   std::vector<std::int64_t> events(models.size(), 0);
@@ -243,14 +247,20 @@ constexpr int max_sensor_side = 8192;
 }  // namespace
 
 void SegmenterOptions::check() const {
-  require(lambda_data >= 0 && lambda_data <= 1e6, "lambda_data is " + std::to_string(lambda_data) + ", expected 0..1e6");
+  require(lambda_data >= 0 && lambda_data <= 1e6,
+          "lambda_data is " + std::to_string(lambda_data) + ", expected 0..1e6");
   rounded_cost(lambda_smooth, "lambda_smooth");
   if (lambda_label) rounded_cost(*lambda_label, "lambda_label");
-  require(lambda_label_per_event >= 0 && lambda_label_per_event <= 1e6, "lambda_label_per_event must be 0..1e6");
-  require(bracket_row >= 1 && bracket_row <= 64, "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
-  require(bracket_col >= 1 && bracket_col <= 64, "bracket_col is " + std::to_string(bracket_col) + ", expected 1..64");
-  require(bounds.speed > 0 && bounds.speed <= 1e7, "largest speed is " + std::to_string(bounds.speed) + " px/s, expected above 0, to 1e7");
-  require(bounds.scale_rate >= 0 && bounds.angle_rate >= 0 && std::isfinite(bounds.scale_rate) && std::isfinite(bounds.angle_rate),
+  require(lambda_label_per_event >= 0 && lambda_label_per_event <= 1e6,
+          "lambda_label_per_event must be 0..1e6");
+  require(bracket_row >= 1 && bracket_row <= 64,
+          "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
+  require(bracket_col >= 1 && bracket_col <= 64,
+          "bracket_col is " + std::to_string(bracket_col) + ", expected 1..64");
+  require(bounds.speed > 0 && bounds.speed <= 1e7,
+          "largest speed is " + std::to_string(bounds.speed) + " px/s, expected above 0, to 1e7");
+  require(bounds.scale_rate >= 0 && bounds.angle_rate >= 0 && std::isfinite(bounds.scale_rate) &&
+              std::isfinite(bounds.angle_rate),
           "scale and angle rates must be finite and not negative");
   require(!kinds.empty(), "no kind of motion model is allowed");
   require(num_iter_segmentation >= 0 && num_iter_segmentation <= 1000,
@@ -261,17 +271,20 @@ void SegmenterOptions::check() const {
 }
 
 Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options)
-    : size_(size), frame_(make_warp_frame(size, camera ? &*camera : nullptr)), options_(options), pool_(options.threads) {
+    : size_(size),
+      frame_(make_warp_frame(size, camera ? &*camera : nullptr)),
+      options_(options),
+      pool_(options.threads) {
   options_.check();
   check_events({}, size);
   require(size.width <= max_sensor_side && size.height <= max_sensor_side,
-          "sensor size is " + std::to_string(size.width) + "x" + std::to_string(size.height) + ", expected up to " +
-              std::to_string(max_sensor_side) + " each way");
+          "sensor size is " + std::to_string(size.width) + "x" + std::to_string(size.height) +
+              ", expected up to " + std::to_string(max_sensor_side) + " each way");
   if (camera) {
     if (camera->size != size) {
       throw std::invalid_argument("the camera is " + std::to_string(camera->size.width) + "x" +
-                                  std::to_string(camera->size.height) + ", the sensor " + std::to_string(size.width) +
-                                  "x" + std::to_string(size.height));
+                                  std::to_string(camera->size.height) + ", the sensor " +
+                                  std::to_string(size.width) + "x" + std::to_string(size.height));
     }
     if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
   }
@@ -303,8 +316,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   RefineOptions refine;
   refine.contrast = {ContrastMeasure::mean_square, options_.sigma};
   refine.bounds = options_.bounds;
-  const double label_cost =
-      options_.lambda_label ? *options_.lambda_label : options_.lambda_label_per_event * static_cast<double>(n);
+  const double label_cost = options_.lambda_label ? *options_.lambda_label
+                                                  : options_.lambda_label_per_event * static_cast<double>(n);
   std::vector<MotionModel> models = prior.pool;
   if (models.empty()) {
     PoolOptions pool;
@@ -372,14 +385,16 @@ std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, st
     throw std::invalid_argument("a window begins with event " + std::to_string(begin) + " of " +
                                 std::to_string(events.size()));
   }
-  if (events.x.size() != events.size() || events.y.size() != events.size() || events.p.size() != events.size()) {
+  if (events.x.size() != events.size() || events.y.size() != events.size() ||
+      events.p.size() != events.size()) {
     check_events(events, size_);  // which says so
   }
   if (duration_us <= 0) {
     const std::lock_guard turn(turn_);
     duration_us = judge_duration(events, begin, size_, window_options_, pool_);
   }
-  return std::clamp(emseg::window_end(events.t, begin, duration_us), begin + 1, begin + window_options_.max_events);
+  return std::clamp(emseg::window_end(events.t, begin, duration_us), begin + 1,
+                    begin + window_options_.max_events);
 }
 
 double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {
@@ -402,7 +417,8 @@ double Segmenter::typical_displacement(const PointView& points, const Segmentati
         result.models[l]);
   }
   if (lengths.empty()) return 0;
-  const auto rank = static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
+  const auto rank =
+      static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
   std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
   return lengths[static_cast<std::size_t>(rank)];
 }

@@ -57,7 +57,9 @@ class TileGrid {
     tile_ = tile;
   }
 
-  std::size_t tile_count() const { return static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_); }
+  std::size_t tile_count() const {
+    return static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_);
+  }
   int columns() const { return columns_; }
   int rows() const { return rows_; }
   double tile() const { return tile_; }
@@ -65,7 +67,8 @@ class TileGrid {
   // Two planes of cells, one for each polarity, and one spare cell for what leaves the image.
   std::size_t cell_count() const { return 2 * plane_cells() + 1; }
 
-  void score(const Slice& slice, double vx, double vy, std::vector<std::uint16_t>& cells, TileScores& scores) const {
+  void score(const Slice& slice, double vx, double vy, std::vector<std::uint16_t>& cells,
+             TileScores& scores) const {
     std::fill(cells.begin(), cells.end(), std::uint16_t{0});
     const auto inverse_cell = static_cast<float>(1 / cell_);
     const auto sx = static_cast<float>(vx / cell_), sy = static_cast<float>(vy / cell_);
@@ -79,8 +82,9 @@ class TileGrid {
       const float u = (slice.x[k] - x0) * inverse_cell - slice.dt[k] * sx;
       const float v = (slice.y[k] - y0) * inverse_cell - slice.dt[k] * sy;
       const bool inside = u >= 0 && v >= 0 && u < static_cast<float>(width) && v < static_cast<float>(height);
-      const int index = inside ? static_cast<int>(v) * width + static_cast<int>(u) + (slice.positive[k] ? plane_size : 0)
-                               : outside;
+      const int index =
+          inside ? static_cast<int>(v) * width + static_cast<int>(u) + (slice.positive[k] ? plane_size : 0)
+                 : outside;
       ++cells[static_cast<std::size_t>(index)];
     }
     scores.excess.assign(tile_count(), 0);
@@ -93,7 +97,8 @@ class TileGrid {
           std::uint32_t mass = 0;
           std::uint64_t square = 0;
           for (int j = 0; j < cells_per_tile_; ++j) {
-            const std::uint16_t* line = cell_plane + (row * cells_per_tile_ + j) * width + column * cells_per_tile_;
+            const std::uint16_t* line =
+                cell_plane + (row * cells_per_tile_ + j) * width + column * cells_per_tile_;
             std::uint32_t line_square = 0;
             for (int i = 0; i < cells_per_tile_; ++i) {
               mass += line[i];
@@ -113,7 +118,8 @@ class TileGrid {
 
  private:
   std::size_t plane_cells() const {
-    return tile_count() * static_cast<std::size_t>(cells_per_tile_) * static_cast<std::size_t>(cells_per_tile_);
+    return tile_count() * static_cast<std::size_t>(cells_per_tile_) *
+           static_cast<std::size_t>(cells_per_tile_);
   }
 
   Region plane_;
@@ -123,8 +129,8 @@ class TileGrid {
   int columns_ = 0, rows_ = 0;
 };
 
-// Doublings at the most: times, as floats, are not told apart over more, and velocities in steps still fit an int.
-// Windows this long end with a slice of their middle.
+// Doublings at the most: times, as floats, are not told apart over more, and velocities in steps still fit an
+// int. Windows this long end with a slice of their middle.
 constexpr int most_levels = 24;
 
 // Summed-area table of tile values.
@@ -146,7 +152,9 @@ struct TileRect {
 };
 
 double sum_over(const std::vector<double>& table, int columns, const TileRect& r) {
-  const auto at = [&](int column, int row) { return table[static_cast<std::size_t>(row * (columns + 1) + column)]; };
+  const auto at = [&](int column, int row) {
+    return table[static_cast<std::size_t>(row * (columns + 1) + column)];
+  };
   return at(r.right, r.bottom) - at(r.left, r.bottom) - at(r.right, r.top) + at(r.left, r.top);
 }
 
@@ -157,7 +165,8 @@ struct GridVelocity {
 
 }  // namespace
 
-std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points, std::span<const std::uint8_t> positive,
+std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points,
+                                                         std::span<const std::uint8_t> positive,
                                                          std::span<const Region> regions, Region plane,
                                                          const SweepOptions& options, ThreadPool& pool) {
   std::vector<std::vector<VelocityScore>> best(regions.size());
@@ -262,7 +271,8 @@ std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points
         for (int di = -1; di <= 1; ++di) next[{2 * v.i + di, 2 * v.j + dj}] = true;
       }
     }
-    if (ranked.empty()) {  // nothing coincides in this slice, if it has any events: the next one is asked the same
+    if (ranked.empty()) {  // nothing coincides in this slice, if it has any events: the next one is asked the
+                           // same
       for (const GridVelocity& v : trial) next[{2 * v.i, 2 * v.j}] = true;
     }
     trial.clear();

@@ -8,7 +8,8 @@ namespace emseg::testing {
 
 // d f / d at[i] for every i; a step is the half-width of its difference.
 template <typename Function>
-std::vector<double> central_differences(const Function& f, std::vector<double> at, const std::vector<double>& steps) {
+std::vector<double> central_differences(const Function& f, std::vector<double> at,
+                                        const std::vector<double>& steps) {
   std::vector<double> slopes(at.size());
   for (std::size_t i = 0; i < at.size(); ++i) {
     const double middle = at[i];

@@ -1,4 +1,5 @@
-// The warps of all motion models once more, in double precision and straight from their definitions: the oracle.
+// The warps of all motion models once more, in double precision and straight from their definitions: the
+// oracle.
 #pragma once
 
 #include <array>
@@ -25,7 +26,8 @@ inline std::array<double, 3> rotated(std::span<const double> w, double dt, std::
   return sum;
 }
 
-inline Place reference_warp(MotionKind kind, std::span<const double> q, const WarpFrame& frame, Place at, double dt) {
+inline Place reference_warp(MotionKind kind, std::span<const double> q, const WarpFrame& frame, Place at,
+                            double dt) {
   const double rx = at.x - frame.cx, ry = at.y - frame.cy;
   const auto moved = [&](double vx, double vy) { return Place{at.x - dt * vx, at.y - dt * vy}; };
   switch (kind) {
@@ -53,8 +55,8 @@ inline Place reference_warp(const MotionModel& model, const WarpFrame& frame, Pl
   return reference_warp(kind_of(model), params_of(model), frame, at, dt);
 }
 
-// Where something that lies at `home` at t_ref is seen dt later: the warp's inverse, by fixed-point iteration, which
-// converges as long as the motion bends the image little within dt.
+// Where something that lies at `home` at t_ref is seen dt later: the warp's inverse, by fixed-point
+// iteration, which converges as long as the motion bends the image little within dt.
 inline Place reference_unwarp(const MotionModel& model, const WarpFrame& frame, Place home, double dt) {
   Place at = home;
   for (int iteration = 0; iteration < 50; ++iteration) {

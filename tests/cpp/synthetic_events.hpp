@@ -30,13 +30,14 @@ struct Scene {
 
 struct Dots {
   MotionModel model;
-  Region region;     // that holds the dots at t_ref
+  Region region;  // that holds the dots at t_ref
   int count = 200;
   int flashes = 12;  // events of each dot
 };
 
 // Places are exact, not rounded to pixels; times are uniform in -duration/2 .. duration/2 (s).
-inline Scene moving_dots(const std::vector<Dots>& sources, const WarpFrame& frame, double duration, std::uint32_t seed) {
+inline Scene moving_dots(const std::vector<Dots>& sources, const WarpFrame& frame, double duration,
+                         std::uint32_t seed) {
   std::mt19937 random(seed);
   struct Flash {
     Place at;
@@ -53,11 +54,13 @@ inline Scene moving_dots(const std::vector<Dots>& sources, const WarpFrame& fram
       const auto positive = static_cast<std::uint8_t>(random() % 2);
       for (int i = 0; i < flashes_each; ++i) {
         const double dt = uniform(random, -0.5 * duration, 0.5 * duration);
-        flashes.push_back({reference_unwarp(model, frame, home, dt), dt, positive, static_cast<std::int32_t>(s)});
+        flashes.push_back(
+            {reference_unwarp(model, frame, home, dt), dt, positive, static_cast<std::int32_t>(s)});
       }
     }
   }
-  std::stable_sort(flashes.begin(), flashes.end(), [](const Flash& a, const Flash& b) { return a.dt < b.dt; });
+  std::stable_sort(flashes.begin(), flashes.end(),
+                   [](const Flash& a, const Flash& b) { return a.dt < b.dt; });
   Scene scene;
   for (const Flash& flash : flashes) {
     scene.points.x.push_back(static_cast<float>(flash.at.x));
@@ -93,8 +96,8 @@ inline EventColumns recorded(const Scene& scene, ImageSize size, std::int64_t t_
   for (std::size_t k = 0; k < scene.size(); ++k) {
     const long x = std::lround(scene.points.x[k]), y = std::lround(scene.points.y[k]);
     if (x < 0 || y < 0 || x >= size.width || y >= size.height) continue;
-    events.add(static_cast<int>(x), static_cast<int>(y), t_ref + std::llround(1e6 * double(scene.points.dt[k])),
-               scene.positive[k], scene.source[k]);
+    events.add(static_cast<int>(x), static_cast<int>(y),
+               t_ref + std::llround(1e6 * double(scene.points.dt[k])), scene.positive[k], scene.source[k]);
   }
   return events;
 }

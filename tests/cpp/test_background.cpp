@@ -58,7 +58,7 @@ TEST_CASE("extents by hand") {
   some.fill(2, 2, 1, 2);  // too few
   some.fill(1, 1, 1, 3);  // in the minority
   some.fill(1, 1, 0, 4);
-  some.fill(0, 0, -1, 9);  // noise holds no tile
+  some.fill(0, 0, -1, 9);                                // noise holds no tile
   const auto extents = some.extents(2, {0, 0, 61, 64});  // the last column is narrower: 4 x 4 tiles
   CHECK(extents[0].tiles == 2);
   CHECK(extents[0].share == doctest::Approx(2.0 / 16));
@@ -72,8 +72,10 @@ TEST_CASE("extents by hand") {
 TEST_CASE("tiles on a diagonal have little spread") {
   LabelledPoints line;
   for (int i = 0; i < 6; ++i) line.fill(i, i, 0);
-  // Variances and covariance of 0..5 are 35/12; with 1/12 within the tile the determinant is (36^2 - 35^2)/144.
-  CHECK(line.extents(1, {0, 0, 96, 96})[0].spread == doctest::Approx(std::sqrt(36.0 * 36 - 35 * 35) / 12 / (36.0 / 12)));
+  // Variances and covariance of 0..5 are 35/12; with 1/12 within the tile the determinant is (36^2 -
+  // 35^2)/144.
+  CHECK(line.extents(1, {0, 0, 96, 96})[0].spread ==
+        doctest::Approx(std::sqrt(36.0 * 36 - 35 * 35) / 12 / (36.0 / 12)));
 }
 
 TEST_CASE("no labels, no events, events beyond the plane") {
@@ -96,7 +98,8 @@ TEST_CASE("the background is the label with most tiles among those that span the
 TEST_CASE("lonely events are those that brute force finds") {
   const WarpFrame frame = make_warp_frame({48, 40});
   const Region plane{0, 0, 48, 40};
-  const std::vector<MotionModel> models{Translation{{120, -80}}, Similarity{{-60, 90, 0.4, 0.5}}, Translation{{5000, 0}}};
+  const std::vector<MotionModel> models{Translation{{120, -80}}, Similarity{{-60, 90, 0.4, 0.5}},
+                                        Translation{{5000, 0}}};
   for (const int company : {0, 1, 2, 4}) {
     CAPTURE(company);
     std::mt19937 random(static_cast<std::uint32_t>(company));
@@ -114,19 +117,21 @@ TEST_CASE("lonely events are those that brute force finds") {
     for (std::size_t k = 0; k < points.size(); ++k) {
       Place at{};
       if (labels[k] >= 0) {
-        at = reference_warp(models[static_cast<std::size_t>(labels[k])], frame, {points.x[k], points.y[k]}, points.dt[k]);
+        at = reference_warp(models[static_cast<std::size_t>(labels[k])], frame, {points.x[k], points.y[k]},
+                            points.dt[k]);
       }
       x.push_back(std::lround(at.x));
       y.push_back(std::lround(at.y));
     }
     const auto followed = [&](std::size_t k) {
-      return x[k] >= canvas.x0 && y[k] >= canvas.y0 && x[k] < canvas.x0 + canvas.width && y[k] < canvas.y0 + canvas.height;
+      return x[k] >= canvas.x0 && y[k] >= canvas.y0 && x[k] < canvas.x0 + canvas.width &&
+             y[k] < canvas.y0 + canvas.height;
     };
     for (std::size_t k = 0; k < points.size(); ++k) {
       int near = 0;
       for (std::size_t other = 0; other < points.size(); ++other) {
-        near += other != k && labels[other] == labels[k] && followed(other) && std::labs(x[other] - x[k]) <= 1 &&
-                std::labs(y[other] - y[k]) <= 1;
+        near += other != k && labels[other] == labels[k] && followed(other) &&
+                std::labs(x[other] - x[k]) <= 1 && std::labs(y[other] - y[k]) <= 1;
       }
       CAPTURE(k);
       REQUIRE(static_cast<int>(lonely[k]) == (labels[k] >= 0 && followed(k) && near < company));

@@ -20,8 +20,13 @@ constexpr Region region{-3, 2, 34, 27};
 // The whole chain again in double precision: votes, blur, measure.
 class DirectContrast {
  public:
-  DirectContrast(const Points& points, MotionKind kind, const WarpFrame& frame, const ContrastOptions& options)
-      : points_(points), kind_(kind), frame_(frame), measure_(options.measure), taps_(gaussian_taps(options.sigma)) {}
+  DirectContrast(const Points& points, MotionKind kind, const WarpFrame& frame,
+                 const ContrastOptions& options)
+      : points_(points),
+        kind_(kind),
+        frame_(frame),
+        measure_(options.measure),
+        taps_(gaussian_taps(options.sigma)) {}
 
   double operator()(const std::vector<double>& params) const {
     std::vector<double> image(region.area(), 0.0);
@@ -45,7 +50,9 @@ class DirectContrast {
   static bool inside(int column, int row) {
     return column >= 0 && row >= 0 && column < region.width && row < region.height;
   }
-  static std::size_t index(int column, int row) { return static_cast<std::size_t>(row * region.width + column); }
+  static std::size_t index(int column, int row) {
+    return static_cast<std::size_t>(row * region.width + column);
+  }
 
   std::vector<double> blurred(const std::vector<double>& image, int dx, int dy) const {
     const int radius = static_cast<int>(taps_.size()) - 1;
@@ -63,7 +70,9 @@ class DirectContrast {
   }
 
   double measured(const std::vector<double>& image) const {
-    const auto at = [&](int column, int row) { return inside(column, row) ? image[index(column, row)] : 0.0; };
+    const auto at = [&](int column, int row) {
+      return inside(column, row) ? image[index(column, row)] : 0.0;
+    };
     double mean = 0;
     for (const double pixel : image) mean += pixel / static_cast<double>(image.size());
     double sum = 0;
@@ -90,18 +99,20 @@ class DirectContrast {
 };
 
 const std::vector<MotionModel>& motions() {
-  static const std::vector<MotionModel> all{Translation{{130, -70}}, Rotation{{0.8, -1.1, 0.5}},
-                                            Similarity{{60, 90, 0.4, -0.9}}, Affine{{-50, 80, 0.5, -0.7, 0.3, 0.9}},
-                                            Homography{{40, -90, 0.6, -0.3, 0.8, -0.5, 0.9, -0.7}}};
+  static const std::vector<MotionModel> all{
+      Translation{{130, -70}}, Rotation{{0.8, -1.1, 0.5}}, Similarity{{60, 90, 0.4, -0.9}},
+      Affine{{-50, 80, 0.5, -0.7, 0.3, 0.9}}, Homography{{40, -90, 0.6, -0.3, 0.8, -0.5, 0.9, -0.7}}};
   return all;
 }
 
-// Points in and around the region whose warped places keep clear of whole pixels, where the bilinear vote has its
-// kinks: there the contrast is smooth, and a small step crosses no kink.
-Points smooth_points(std::mt19937& random, const MotionModel& model, const WarpFrame& frame, std::size_t count) {
+// Points in and around the region whose warped places keep clear of whole pixels, where the bilinear vote has
+// its kinks: there the contrast is smooth, and a small step crosses no kink.
+Points smooth_points(std::mt19937& random, const MotionModel& model, const WarpFrame& frame,
+                     std::size_t count) {
   Points points;
   while (points.size() < count) {
-    const auto x = static_cast<float>(uniform(random, -8, 36)), y = static_cast<float>(uniform(random, -3, 34));
+    const auto x = static_cast<float>(uniform(random, -8, 36)),
+               y = static_cast<float>(uniform(random, -3, 34));
     const auto dt = static_cast<float>(uniform(random, -0.05, 0.05));
     const Place at = reference_warp(model, frame, {x, y}, dt);
     const auto clear = [](double place) { return std::abs(place - std::round(place)) > 0.02; };
@@ -125,7 +136,8 @@ TEST_CASE("contrast is that of a direct evaluation, and its gradient that of cen
     const Points points = smooth_points(random, model, frame, 700);
     const std::vector<double> params(params_of(model).begin(), params_of(model).end());
     std::vector<double> steps;  // that move no point by more than 1e-3 px
-    for (std::size_t d = 0; d < params.size(); ++d) steps.push_back(kind != MotionKind::rotation && d < 2 ? 1e-2 : 2e-4);
+    for (std::size_t d = 0; d < params.size(); ++d)
+      steps.push_back(kind != MotionKind::rotation && d < 2 ? 1e-2 : 2e-4);
     for (const ContrastMeasure measure : measures) {
       for (const double sigma : {0.0, 1.0}) {
         CAPTURE(static_cast<int>(measure));
@@ -170,8 +182,8 @@ TEST_CASE("no points, or none that the region sees, have no contrast and no slop
   ContrastWorkspace workspace;
   for (const ContrastMeasure measure : measures) {
     for (const PointView& points : {PointView{}, away.view()}) {
-      const auto result = contrast_and_gradient(points, Similarity{{10, 10, 0.1, 0.1}}, frame, region, {measure, 1},
-                                                workspace);
+      const auto result = contrast_and_gradient(points, Similarity{{10, 10, 0.1, 0.1}}, frame, region,
+                                                {measure, 1}, workspace);
       CHECK(result.value == 0);
       for (const double slope : result.gradient) CHECK(slope == 0);
     }

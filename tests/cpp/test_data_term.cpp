@@ -18,14 +18,16 @@ constexpr std::array terms{DataTerm::published, DataTerm::logarithmic};
 double defined_cost(DataTerm term, double sharpness, double reference) {
   const double g = std::min(1.0, sharpness / reference);
   constexpr double f = 0.2;
-  return term == DataTerm::published ? 255 * (1 - g) : 255 * std::log((1 + f) / (g + f)) / std::log((1 + f) / f);
+  return term == DataTerm::published ? 255 * (1 - g)
+                                     : 255 * std::log((1 + f) / (g + f)) / std::log((1 + f) / f);
 }
 
 // numpy.quantile, linear: between the two order statistics around rank q (n - 1).
 double quantile(std::vector<double> values, double q) {
   std::sort(values.begin(), values.end());
   const double rank = q * static_cast<double>(values.size() - 1);
-  const auto below = static_cast<std::size_t>(std::floor(rank)), above = static_cast<std::size_t>(std::ceil(rank));
+  const auto below = static_cast<std::size_t>(std::floor(rank)),
+             above = static_cast<std::size_t>(std::ceil(rank));
   return values[below] + (rank - std::floor(rank)) * (values[above] - values[below]);
 }
 
@@ -102,12 +104,14 @@ TEST_CASE("sharpness is the blurred image where each event falls, though the ima
   const WarpFrame frame = make_warp_frame({60, 44});
   const Region canvas = canvas_of({0, 0, 60, 44});
   const auto taps = gaussian_taps(1.3);
-  const Scene scene = moving_dots({{Similarity{{150, 80, 0.5, -0.6}}, {6, 10, 30, 20}, 40, 8}}, frame, 0.06, 5);
+  const Scene scene =
+      moving_dots({{Similarity{{150, 80, 0.5, -0.6}}, {6, 10, 30, 20}, 40, 8}}, frame, 0.06, 5);
   SupportWorkspace workspace;
   BlurWorkspace blur;
   // The true model, a wrong one, and one that throws most events off the canvas.
-  for (const MotionModel& model : {MotionModel(Similarity{{150, 80, 0.5, -0.6}}), MotionModel(Translation{{-300, 90}}),
-                                   MotionModel(Translation{{9000, 0}}), MotionModel(Translation{{1e30, 1e30}})}) {
+  for (const MotionModel& model :
+       {MotionModel(Similarity{{150, 80, 0.5, -0.6}}), MotionModel(Translation{{-300, 90}}),
+        MotionModel(Translation{{9000, 0}}), MotionModel(Translation{{1e30, 1e30}})}) {
     ModelSupport support;
     evaluate_support(scene.view(), model, frame, canvas, taps, workspace, support);
     Image image(canvas);

@@ -24,8 +24,10 @@ double convolved(const Image& image, const std::vector<float>& taps, int x, int 
   double sum = 0;
   for (int v = 0; v < image.region.height; ++v) {
     for (int u = 0; u < image.region.width; ++u) {
-      const auto across = static_cast<std::size_t>(std::abs(u - x)), down = static_cast<std::size_t>(std::abs(v - y));
-      if (across < taps.size() && down < taps.size()) sum += double(taps[across]) * taps[down] * image.row(v)[u];
+      const auto across = static_cast<std::size_t>(std::abs(u - x)),
+                 down = static_cast<std::size_t>(std::abs(v - y));
+      if (across < taps.size() && down < taps.size())
+        sum += double(taps[across]) * taps[down] * image.row(v)[u];
     }
   }
   return sum;
@@ -47,7 +49,8 @@ TEST_CASE("Gaussian taps are samples of the bell, normalised, out to four sigma"
     double sum = taps[0];
     for (std::size_t d = 1; d < taps.size(); ++d) {
       sum += 2.0 * taps[d];
-      CHECK(taps[d] / taps[0] == doctest::Approx(std::exp(-double(d * d) / (2 * sigma * sigma))).epsilon(1e-6));
+      CHECK(taps[d] / taps[0] ==
+            doctest::Approx(std::exp(-double(d * d) / (2 * sigma * sigma))).epsilon(1e-6));
     }
     CHECK(sum == doctest::Approx(1).epsilon(1e-6));
   }
@@ -63,7 +66,8 @@ TEST_CASE("a blur that is negative, too wide or no number is refused") {
 TEST_CASE("the separable blur equals the two-dimensional convolution") {
   std::mt19937 random(3);
   BlurWorkspace workspace;  // shared, so that leftovers of larger images would show
-  for (const Region region : {Region{0, 0, 19, 23}, {-4, 7, 31, 5}, {0, 0, 1, 17}, {0, 0, 2, 2}, {5, 5, 1, 1}}) {
+  for (const Region region :
+       {Region{0, 0, 19, 23}, {-4, 7, 31, 5}, {0, 0, 1, 17}, {0, 0, 2, 2}, {5, 5, 1, 1}}) {
     for (const double sigma : {0.0, 0.6, 1.0, 2.5}) {
       CAPTURE(region.width);
       CAPTURE(sigma);

@@ -44,7 +44,8 @@ TEST_CASE("a vote is a hat around its place, cut at the border") {
       bilinear_vote(image, x, y, 2.5f);
       for (int row = 0; row < region.height; ++row) {
         for (int column = 0; column < region.width; ++column) {
-          REQUIRE(std::abs(image.row(row)[column] - 2.5 * hat(x, y, region.x0 + column, region.y0 + row)) < 5e-6);
+          REQUIRE(std::abs(image.row(row)[column] - 2.5 * hat(x, y, region.x0 + column, region.y0 + row)) <
+                  5e-6);
         }
       }
     }
@@ -55,7 +56,8 @@ TEST_CASE("inside, no part of a vote is lost") {
   std::mt19937 random(2);
   Image image(Region{-8, 3, 40, 30});
   for (int k = 0; k < 1000; ++k) {
-    bilinear_vote(image, static_cast<float>(uniform(random, -8, 31)), static_cast<float>(uniform(random, 3, 32)));
+    bilinear_vote(image, static_cast<float>(uniform(random, -8, 31)),
+                  static_cast<float>(uniform(random, 3, 32)));
   }
   CHECK(mass(image) == doctest::Approx(1000).epsilon(1e-6));
 }
@@ -140,7 +142,8 @@ TEST_CASE("the image of warped events is the blurred sum of votes at the warped 
     for (int column = 0; column < region.width; ++column) {
       double expected = 0;
       for (std::size_t k = 0; k < scene.size(); ++k) {
-        const Place at = reference_warp(model, frame, {scene.points.x[k], scene.points.y[k]}, scene.points.dt[k]);
+        const Place at =
+            reference_warp(model, frame, {scene.points.x[k], scene.points.y[k]}, scene.points.dt[k]);
         expected += hat(at.x, at.y, region.x0 + column, region.y0 + row);
       }
       REQUIRE(std::abs(image.row(row)[column] - expected) < 2e-4);

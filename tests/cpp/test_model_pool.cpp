@@ -22,13 +22,15 @@ Scene object_before_scene(const MotionModel& scene, const MotionModel& object) {
 }
 
 // Smallest distance between a pool's models and a motion, over the points it made.
-double nearest(const std::vector<MotionModel>& pool, const MotionModel& truth, const Scene& scene, std::int32_t source) {
+double nearest(const std::vector<MotionModel>& pool, const MotionModel& truth, const Scene& scene,
+               std::int32_t source) {
   Points own;
   for (std::size_t k = 0; k < scene.size(); ++k) {
     if (scene.source[k] == source) own.push_back(scene.view(), k);
   }
   double least = std::numeric_limits<double>::infinity();
-  for (const MotionModel& model : pool) least = std::min(least, motion_distance(model, truth, frame, own.view()));
+  for (const MotionModel& model : pool)
+    least = std::min(least, motion_distance(model, truth, frame, own.view()));
   return least;
 }
 
@@ -63,8 +65,8 @@ TEST_CASE("sub-volumes of every division cover the plane once, the remainder in 
             REQUIRE(next < regions.size());
             const int right = i + 1 == across ? covered.width : (i + 1) * width;
             const int bottom = j + 1 == down ? covered.height : (j + 1) * height;
-            REQUIRE(regions[next++] ==
-                    Region{covered.x0 + i * width, covered.y0 + j * height, right - i * width, bottom - j * height});
+            REQUIRE(regions[next++] == Region{covered.x0 + i * width, covered.y0 + j * height,
+                                              right - i * width, bottom - j * height});
           }
         }
       }
@@ -97,7 +99,8 @@ TEST_CASE("the pool holds the motions of the scene and of an object before it, a
 TEST_CASE("one motion makes a pool of one, of the richest kind on offer") {
   const MotionModel motion = Translation{{150, -80}};
   const Scene scene = object_before_scene(motion, motion);
-  for (const MotionKind kind : {MotionKind::translation, MotionKind::rotation, MotionKind::affine, MotionKind::homography}) {
+  for (const MotionKind kind :
+       {MotionKind::translation, MotionKind::rotation, MotionKind::affine, MotionKind::homography}) {
     CAPTURE(name_of(kind));
     PoolOptions options;
     options.kinds = {MotionKind::translation, kind};

@@ -17,9 +17,9 @@ constexpr Region middle{24, 20, 112, 80};
 constexpr double duration = 0.05;
 
 const std::vector<MotionModel>& truths() {
-  static const std::vector<MotionModel> all{Translation{{180, -120}}, Rotation{{0.5, -0.8, 0.9}},
-                                            Similarity{{90, 60, 0.4, -0.7}}, Affine{{-70, 100, 0.4, -0.6, 0.5, -0.3}},
-                                            Homography{{60, -80, 0.5, -0.4, 0.6, -0.3, 0.5, -0.4}}};
+  static const std::vector<MotionModel> all{
+      Translation{{180, -120}}, Rotation{{0.5, -0.8, 0.9}}, Similarity{{90, 60, 0.4, -0.7}},
+      Affine{{-70, 100, 0.4, -0.6, 0.5, -0.3}}, Homography{{60, -80, 0.5, -0.4, 0.6, -0.3, 0.5, -0.4}}};
   return all;
 }
 
@@ -27,9 +27,10 @@ Scene dots(const MotionModel& model, const WarpFrame& frame, std::uint32_t seed)
   return moving_dots({{model, middle, 150, 14}}, frame, duration, seed);
 }
 
-// A model near this one: every parameter off by as much as moves the points `distance` px, then all of it scaled to that.
-MotionModel perturbed(const MotionModel& model, const WarpFrame& frame, const PointView& points, double distance,
-                      std::mt19937& random) {
+// A model near this one: every parameter off by as much as moves the points `distance` px, then all of it
+// scaled to that.
+MotionModel perturbed(const MotionModel& model, const WarpFrame& frame, const PointView& points,
+                      double distance, std::mt19937& random) {
   const std::vector<double> params(params_of(model).begin(), params_of(model).end());
   std::vector<double> offset;
   for (std::size_t d = 0; d < params.size(); ++d) {
@@ -46,7 +47,8 @@ MotionModel perturbed(const MotionModel& model, const WarpFrame& frame, const Po
   return moved(distance / motion_distance(model, moved(1), frame, points));
 }
 
-double contrast_of(const Scene& scene, const MotionModel& model, const WarpFrame& frame, const RefineOptions& options) {
+double contrast_of(const Scene& scene, const MotionModel& model, const WarpFrame& frame,
+                   const RefineOptions& options) {
   ContrastWorkspace workspace;
   return contrast(scene.view(), model, frame, plane, options.contrast, workspace);
 }
@@ -134,7 +136,8 @@ TEST_CASE("nothing to refine: no points, no region, one time") {
 
 TEST_CASE("a rotation that turns points through the camera's plane harms nothing") {
   const WarpFrame frame = make_warp_frame(sensor);
-  // Half a turn about the image's axes: bearings pass through the plane of the camera, and places through infinity.
+  // Half a turn about the image's axes: bearings pass through the plane of the camera, and places through
+  // infinity.
   const Scene scene = dots(Translation{{100, 0}}, frame, 6);
   Scene slow = scene;
   for (float& dt : slow.points.dt) dt *= 100;
@@ -161,13 +164,15 @@ TEST_CASE("a fit finds the motion from nothing, of every kind") {
   for (const MotionModel& truth : truths()) {
     CAPTURE(name_of(kind_of(truth)));
     const Scene scene = dots(truth, frame, 7);
-    const FitResult fit = fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, pool);
+    const FitResult fit =
+        fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, pool);
     CHECK(kind_of(fit.model) == kind_of(truth));
     CHECK(motion_distance(fit.model, truth, frame, scene.view()) < 0.15);
     CHECK(fit.contrast >= contrast_of(scene, make_motion(kind_of(truth)), frame, options.refine));
     for (const int threads : {1, 7}) {
       ThreadPool other(threads);
-      const FitResult again = fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, other);
+      const FitResult again =
+          fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, other);
       CHECK(motion_distance(again.model, fit.model, frame, scene.view()) == 0);
       CHECK(again.evaluations == fit.evaluations);
     }

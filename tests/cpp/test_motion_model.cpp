@@ -17,8 +17,8 @@ namespace {
 
 constexpr ImageSize sensor{346, 260};
 constexpr Region plane{0, 0, 346, 260};
-constexpr std::array kinds{MotionKind::translation, MotionKind::rotation, MotionKind::similarity, MotionKind::affine,
-                           MotionKind::homography};
+constexpr std::array kinds{MotionKind::translation, MotionKind::rotation, MotionKind::similarity,
+                           MotionKind::affine, MotionKind::homography};
 
 WarpFrame calibrated_frame() {
   Camera camera;
@@ -39,7 +39,9 @@ std::vector<double> random_params(std::mt19937& random, MotionKind kind) {
   return params;
 }
 
-MotionModel random_motion(std::mt19937& random, MotionKind kind) { return make_motion(kind, random_params(random, kind)); }
+MotionModel random_motion(std::mt19937& random, MotionKind kind) {
+  return make_motion(kind, random_params(random, kind));
+}
 
 Place random_place(std::mt19937& random) { return {uniform(random, 0, 345), uniform(random, 0, 259)}; }
 
@@ -135,9 +137,11 @@ TEST_CASE("derivatives of the warps agree with central differences") {
           steps.push_back(kind != MotionKind::rotation && d < 2 ? 1e-2 : 1e-4);
         }
         const auto along_x = central_differences(
-            [&](const std::vector<double>& q) { return reference_warp(kind, q, frame, at, dt).x; }, params, steps);
+            [&](const std::vector<double>& q) { return reference_warp(kind, q, frame, at, dt).x; }, params,
+            steps);
         const auto along_y = central_differences(
-            [&](const std::vector<double>& q) { return reference_warp(kind, q, frame, at, dt).y; }, params, steps);
+            [&](const std::vector<double>& q) { return reference_warp(kind, q, frame, at, dt).y; }, params,
+            steps);
         std::visit(
             [&](const auto& m) {
               const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
@@ -146,8 +150,10 @@ TEST_CASE("derivatives of the warps agree with central differences") {
               for (std::size_t d = 0; d < params.size(); ++d) {
                 CAPTURE(d);
                 // An entry is dt times a length of up to the sensor's: floats hold that to 1e-5 of it.
-                REQUIRE(std::abs(jacobian.dx[d] - along_x[d]) < 1e-5 * (std::abs(along_x[d]) + 400 * std::abs(dt)));
-                REQUIRE(std::abs(jacobian.dy[d] - along_y[d]) < 1e-5 * (std::abs(along_y[d]) + 400 * std::abs(dt)));
+                REQUIRE(std::abs(jacobian.dx[d] - along_x[d]) <
+                        1e-5 * (std::abs(along_x[d]) + 400 * std::abs(dt)));
+                REQUIRE(std::abs(jacobian.dy[d] - along_y[d]) <
+                        1e-5 * (std::abs(along_y[d]) + 400 * std::abs(dt)));
               }
             },
             make_motion(kind, params));
@@ -162,7 +168,8 @@ TEST_CASE("without parameters, and at t_ref, nothing moves") {
   for (const MotionKind kind : kinds) {
     for (int trial = 0; trial < 20; ++trial) {
       const Place at{std::floor(uniform(random, 0, 346)), std::floor(uniform(random, 0, 260))};
-      for (const auto& [model, dt] : {std::pair{make_motion(kind), 0.1}, {random_motion(random, kind), 0.0}}) {
+      for (const auto& [model, dt] :
+           {std::pair{make_motion(kind), 0.1}, {random_motion(random, kind), 0.0}}) {
         const Vec2f to = warped(model, frame, at, dt);
         REQUIRE(std::abs(to.x - at.x) < 1e-4);
         REQUIRE(std::abs(to.y - at.y) < 1e-4);
@@ -188,7 +195,8 @@ TEST_CASE("kinds have names, and models check their parameters") {
     FAIL("no error");
   } catch (const std::invalid_argument& error) {
     CHECK(std::string(error.what()) ==
-          "unknown motion model 'spiral', expected one of translation, rotation, similarity, affine, homography");
+          "unknown motion model 'spiral', expected one of translation, rotation, similarity, affine, "
+          "homography");
   }
 }
 
@@ -228,7 +236,8 @@ TEST_CASE("what correspondences do not determine stays at no motion") {
       return std::all_of(params.begin(), params.end(), [](double value) { return value == 0; });
     };
     CHECK(still(fit_correspondences(kind, {}, frame)));
-    CHECK(still(fit_correspondences(kind, std::vector<Correspondence>{{50, 60, 0, 70, 90, 1}}, frame)));  // dt = 0
+    CHECK(still(
+        fit_correspondences(kind, std::vector<Correspondence>{{50, 60, 0, 70, 90, 1}}, frame)));  // dt = 0
     CHECK(still(fit_correspondences(kind, std::vector<Correspondence>{{50, 60, 0.1f, 70, 90, 0}}, frame)));
     // One pair: its own displacement is met, with no larger a motion than that takes.
     const Correspondence one{50, 60, 0.1f, 52, 57, 1};
@@ -279,7 +288,8 @@ TEST_CASE("a motion stays the same as a model of a kind that contains its own") 
       const MotionModel model = random_motion(random, from);
       const MotionModel converted = convert_motion(model, to, frame, plane);
       REQUIRE(kind_of(converted) == to);
-      // Targets are floats of up to 1000 px, 10 ms away: a tenth of a second later their rounding has grown tenfold.
+      // Targets are floats of up to 1000 px, 10 ms away: a tenth of a second later their rounding has grown
+      // tenfold.
       REQUIRE(largest_distance(model, converted, frame, 0.1) < 2e-3);
     }
   }
@@ -303,7 +313,8 @@ TEST_CASE("a motion that a kind does not contain becomes its nearest") {
       for (int i = 0; i < 5; ++i) {
         for (int j = 0; j < 5; ++j) {
           const Place at{345 * j / 4.0, 259 * i / 4.0};
-          const Place a = reference_warp(affine, frame, at, 0.01), b = reference_warp(kind, q, frame, at, 0.01);
+          const Place a = reference_warp(affine, frame, at, 0.01),
+                      b = reference_warp(kind, q, frame, at, 0.01);
           sum += (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
         }
       }
@@ -322,7 +333,8 @@ TEST_CASE("a motion that a kind does not contain becomes its nearest") {
   }
   // A slow camera rotation is nearly planar flow.
   const MotionModel turn = Rotation{{0.3, -0.2, 0.4}};
-  CHECK(largest_distance(turn, convert_motion(turn, MotionKind::homography, frame, plane), frame, 0.01) < 0.01);
+  CHECK(largest_distance(turn, convert_motion(turn, MotionKind::homography, frame, plane), frame, 0.01) <
+        0.01);
 }
 
 TEST_CASE("points are where the lens did not bend them, in seconds from t_ref, however far apart") {

@@ -43,7 +43,8 @@ TEST_CASE("what tasks wrote is seen by the caller, and the result is the same fo
     ThreadPool pool(threads);
     std::vector<long> values(3000);
     for (int round = 0; round < 20; ++round) {
-      pool.for_each(values.size(), [&](std::size_t i, int) { values[i] += static_cast<long>(i * i) - values[i] / 2; });
+      pool.for_each(values.size(),
+                    [&](std::size_t i, int) { values[i] += static_cast<long>(i * i) - values[i] / 2; });
     }
     return values;
   };

@@ -21,8 +21,8 @@ Scene two_halves(double duration, Place left_velocity, Place right_velocity, std
                      frame, duration, seed);
 }
 
-std::vector<std::vector<VelocityScore>> sweep(const Scene& scene, std::vector<Region> regions, int threads = 2,
-                                              const SweepOptions& options = {}) {
+std::vector<std::vector<VelocityScore>> sweep(const Scene& scene, std::vector<Region> regions,
+                                              int threads = 2, const SweepOptions& options = {}) {
   ThreadPool pool(threads);
   return sweep_velocities(scene.view(), scene.positive, regions, plane, options, pool);
 }
@@ -32,11 +32,13 @@ double error(const VelocityScore& found, Place truth, double duration) {
   return std::hypot(found.vx - truth.x, found.vy - truth.y) * duration;
 }
 
-bool same(const std::vector<std::vector<VelocityScore>>& a, const std::vector<std::vector<VelocityScore>>& b) {
+bool same(const std::vector<std::vector<VelocityScore>>& a,
+          const std::vector<std::vector<VelocityScore>>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const auto& p, const auto& q) {
-    return std::equal(p.begin(), p.end(), q.begin(), q.end(), [](const VelocityScore& v, const VelocityScore& w) {
-      return v.vx == w.vx && v.vy == w.vy && v.score == w.score;
-    });
+    return std::equal(p.begin(), p.end(), q.begin(), q.end(),
+                      [](const VelocityScore& v, const VelocityScore& w) {
+                        return v.vx == w.vx && v.vy == w.vy && v.score == w.score;
+                      });
   });
 }
 
@@ -70,7 +72,9 @@ TEST_CASE("the whole plane's best velocities hold both motions, best first") {
   const auto best = sweep(scene, {plane}).front();
   REQUIRE(best.size() == 2);
   CHECK(best[0].score >= best[1].score);
-  const auto nearest = [&](Place truth) { return std::min(error(best[0], truth, 0.03), error(best[1], truth, 0.03)); };
+  const auto nearest = [&](Place truth) {
+    return std::min(error(best[0], truth, 0.03), error(best[1], truth, 0.03));
+  };
   CHECK(nearest({300, 100}) < 0.75 * 3.75);
   CHECK(nearest({-200, 250}) < 0.75 * 3.75);
 }

@@ -8,23 +8,25 @@
 namespace emseg {
 
 struct AdaptiveWindowOptions {
-  double displacement = 10;                    // px that the quantile of motions moves within a window
+  double displacement = 10;  // px that the quantile of motions moves within a window
   double quantile = 0.75;
   std::int64_t min_duration_us = 1'000;
   std::int64_t max_duration_us = 200'000;
-  std::size_t max_events = 500'000;           // of a window
-  double max_speed = 5000;                    // px/s
+  std::size_t max_events = 500'000;  // of a window
+  double max_speed = 5000;           // px/s
 };
 
-// Duration of the window that begins with event `begin`, judged from the events that follow it.  Durations are tried on a ladder of
-// doublings: with too little motion in a window neighbouring tiles do not agree on a velocity, with too
-// much they no longer move uniformly; the longest on which tiles still agree is taken, and scaled to the wanted displacement.
-// Throws std::invalid_argument where an event that is looked at is not valid (see check_events).
+// Duration of the window that begins with event `begin`, judged from the events that follow it.  Durations
+// are tried on a ladder of doublings: with too little motion in a window neighbouring tiles do not agree on a
+// velocity, with too much they no longer move uniformly; the longest on which tiles still agree is taken, and
+// scaled to the wanted displacement. Throws std::invalid_argument where an event that is looked at is not
+// valid (see check_events).
 std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSize size,
                             const AdaptiveWindowOptions& options, ThreadPool& pool);
 
 // The duration that would have moved the events by the wanted displacement, from one that moved them by
 // `displacement` px; changes at the most by a factor of two.
-std::int64_t next_duration(std::int64_t duration_us, double displacement, const AdaptiveWindowOptions& options);
+std::int64_t next_duration(std::int64_t duration_us, double displacement,
+                           const AdaptiveWindowOptions& options);
 
 }  // namespace emseg

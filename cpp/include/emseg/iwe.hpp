@@ -6,7 +6,8 @@
 
 namespace emseg {
 
-// Adds `weight` at (x, y), shared bilinearly among the four pixels around it; shares outside the image are lost.
+// Adds `weight` at (x, y), shared bilinearly among the four pixels around it; shares outside the image are
+// lost.
 inline void bilinear_vote(Image& image, float x, float y, float weight = 1.0f) {
   const int width = image.region.width;
   const int height = image.region.height;
@@ -78,7 +79,9 @@ inline BilinearSample bilinear_sample(const Image& image, float x, float y) {
 }
 
 // The interpolated value alone.
-inline float bilinear_value(const Image& image, float x, float y) { return bilinear_sample(image, x, y).value; }
+inline float bilinear_value(const Image& image, float x, float y) {
+  return bilinear_sample(image, x, y).value;
+}
 
 // Votes of all points under one bound warp; the image is added to, not cleared.
 template <typename Warp>
@@ -100,11 +103,13 @@ inline Region sensor_region(ImageSize size) { return {0, 0, size.width, size.hei
 // The image plane of a sensor: the smallest region that holds every undistorted pixel, or the sensor itself.
 Region image_plane(ImageSize size, const UndistortionTable* table = nullptr);
 
-// Where warped events are followed to: the image plane and half as much again on every side.  Events that move out of
-// the sensor's frame keep their votes and find those of their neighbours; what goes further is dropped.
+// Where warped events are followed to: the image plane and half as much again on every side.  Events that
+// move out of the sensor's frame keep their votes and find those of their neighbours; what goes further is
+// dropped.
 inline Region canvas_of(Region plane) { return expanded(plane, plane.width / 2, plane.height / 2); }
 
-// Smallest region that holds the votes of all points at (x, y), `margin` px wider on each side, cut to `limit`.
+// Smallest region that holds the votes of all points at (x, y), `margin` px wider on each side, cut to
+// `limit`.
 Region bounding_region(std::span<const float> x, std::span<const float> y, int margin, Region limit);
 
 }  // namespace emseg

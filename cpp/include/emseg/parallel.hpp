@@ -12,7 +12,8 @@
 namespace emseg {
 
 // Runs tasks 0..n-1, each exactly once.  Results do not depend on the number of workers as long as each task
-// writes only what belongs to it: tasks are fixed by the caller, and merging them in order is the caller's part.
+// writes only what belongs to it: tasks are fixed by the caller, and merging them in order is the caller's
+// part.
 class ThreadPool {
  public:
   // `threads` workers, the calling thread included; 0 takes one per core.
@@ -23,8 +24,8 @@ class ThreadPool {
 
   int worker_count() const { return static_cast<int>(threads_.size()) + 1; }
 
-  // body(task, worker), worker in 0..worker_count()-1 to pick a workspace.  Rethrows the exception of the lowest task
-  // that threw.  Not to be called from within a task.
+  // body(task, worker), worker in 0..worker_count()-1 to pick a workspace.  Rethrows the exception of the
+  // lowest task that threw.  Not to be called from within a task.
   void for_each(std::size_t task_count, const std::function<void(std::size_t, int)>& body);
 
  private:

@@ -17,18 +17,18 @@ namespace emseg {
 
 struct SegmenterOptions {
   DataTerm data_term = DataTerm::logarithmic;
-  double lambda_data = 1;                   // weight of the data term
-  double lambda_smooth = 30;                // Potts cost of an edge between two labels
-  std::optional<double> lambda_label;       // cost of a used label; none: lambda_label_per_event times the events
+  double lambda_data = 1;              // weight of the data term
+  double lambda_smooth = 30;           // Potts cost of an edge between two labels
+  std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
   double lambda_label_per_event = 0.2;
-  int bracket_row = 6, bracket_col = 6;     // sub-volumes of the pool
-  MotionBounds bounds;                      // Affine_trans2d_max, Affine_scale_max, Affine_theta_max
+  int bracket_row = 6, bracket_col = 6;  // sub-volumes of the pool
+  MotionBounds bounds;                   // Affine_trans2d_max, Affine_scale_max, Affine_theta_max
   std::vector<MotionKind> kinds{MotionKind::translation, MotionKind::similarity};  // HybridModelCombination
-  int num_iter_segmentation = 5;            // alternations at the most
-  int num_iter_labeling = 2;                // expansion sweeps of each
-  double sigma = 1;                         // blur of the images of warped events, px
-  bool mark_noise = true;                   // label -1 for events that no other event of their motion is near
-  int threads = 0;                          // workers; 0: one per core
+  int num_iter_segmentation = 5;                                                   // alternations at the most
+  int num_iter_labeling = 2;                                                       // expansion sweeps of each
+  double sigma = 1;        // blur of the images of warped events, px
+  bool mark_noise = true;  // label -1 for events that no other event of their motion is near
+  int threads = 0;         // workers; 0: one per core
 
   // Throws std::invalid_argument that names the first option out of range.
   void check() const;
@@ -37,21 +37,22 @@ struct SegmenterOptions {
 constexpr std::int32_t noise_label = -1;
 
 struct Segmentation {
-  std::vector<std::int32_t> labels;   // per event: 0 background, 1.. moving objects, largest first, -1 noise
-  std::vector<MotionModel> models;    // per label
-  std::int64_t t_ref = 0;             // us
-  std::int64_t energy = 0;            // of the labels before noise was marked
+  std::vector<std::int32_t> labels;  // per event: 0 background, 1.. moving objects, largest first, -1 noise
+  std::vector<MotionModel> models;   // per label
+  std::int64_t t_ref = 0;            // us
+  std::int64_t energy = 0;           // of the labels before noise was marked
   std::vector<std::int64_t> energy_trace;
-  double reference_sharpness = 0;     // G_ref of the data term, fixed for the window
-  std::int64_t next_duration_us = 0;  // that a window after this one should have, by the motion found in this one
+  double reference_sharpness = 0;  // G_ref of the data term, fixed for the window
+  std::int64_t next_duration_us =
+      0;  // that a window after this one should have, by the motion found in this one
   std::vector<std::pair<std::string, double>> timings;  // stage, seconds
 };
 
 // What a caller may know of a window beforehand.
 struct WindowPrior {
-  std::optional<std::int64_t> t_ref;         // us; none: the middle of the window
-  std::vector<MotionModel> pool;             // the model pool; none: searched for
-  std::vector<MotionModel> candidates;       // further candidates of the search, such as the last window's models
+  std::optional<std::int64_t> t_ref;    // us; none: the middle of the window
+  std::vector<MotionModel> pool;        // the model pool; none: searched for
+  std::vector<MotionModel> candidates;  // further candidates of the search, such as the last window's models
 };
 
 // Calls from several threads take turns.
@@ -64,8 +65,9 @@ class Segmenter {
   // Throws std::invalid_argument where the events are not valid (see check_events) or the prior does not fit.
   Segmentation segment(const EventView& events, const WindowPrior& prior = {});
 
-  // One past the last event of a window of this duration from event `begin` on; a duration of 0 is judged from the
-  // events.  Throws std::invalid_argument where `begin` is not an event, or one that is looked at is not valid.
+  // One past the last event of a window of this duration from event `begin` on; a duration of 0 is judged
+  // from the events.  Throws std::invalid_argument where `begin` is not an event, or one that is looked at is
+  // not valid.
   std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
 
   const WarpFrame& frame() const { return frame_; }
