@@ -104,6 +104,10 @@ void bind_motion(py::module_& m) {
          const std::string& measure, double max_speed, double max_scale_rate, double max_angle_rate,
          int threads) {
         const PointView points = point_view(x, y, dt);
+        if (p.size() != x.size()) {
+          throw std::invalid_argument("x and p differ in length: " + std::to_string(x.size()) + ", " +
+                                      std::to_string(p.size()));
+        }
         FitOptions options;
         options.refine.contrast = {contrast_measure(measure), sigma};
         options.refine.bounds = {max_speed, max_scale_rate, max_angle_rate};

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "emseg/iwe.hpp"
+#include "emseg/window.hpp"
 
 namespace emseg {
 namespace {
@@ -23,7 +25,8 @@ struct Rung {
 
 Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
            const AdaptiveWindowOptions& options, ThreadPool& pool) {
-  const Points points = make_points(window, window.t.front() + duration_us / 2);
+  check_events(window, size);
+  const Points points = make_points(window, std::midpoint(window.t.front(), window.t.back()));
   const int columns = (size.width + tile - 1) / tile;
   const int rows = (size.height + tile - 1) / tile;
   const auto index = [&](int column, int row) { return static_cast<std::size_t>(row * columns + column); };
@@ -31,7 +34,8 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   for (std::size_t k = 0; k < window.size(); ++k) ++events[index(window.x[k] / tile, window.y[k] / tile)];
   std::vector<Region> regions;
   for (int row = 0; row < rows; ++row) {
-    for (int column = 0; column < columns; ++column) regions.push_back({column * tile, row * tile, tile, tile});
+    for (int column = 0; column < columns; ++column)
+      regions.push_back({column * tile, row * tile, tile, tile});
   }
   SweepOptions sweep;
   sweep.max_speed = options.max_speed;
@@ -74,9 +78,7 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
   std::vector<Rung> rungs;
   int tiles = 0;
   for (std::int64_t duration = 3'000; duration <= options.max_duration_us; duration *= 2) {
-    const auto first = events.t.begin() + static_cast<std::ptrdiff_t>(begin);
-    const auto end = static_cast<std::size_t>(std::lower_bound(first, events.t.end(), *first + duration) -
-                                              events.t.begin());
+    const std::size_t end = window_end(events.t, begin, duration);
     const EventView window = events.slice(begin, std::min(end, begin + options.max_events));
     if (window.size() >= enough_in_window) {
       rungs.push_back(judge(window, duration, size, options, pool));
@@ -102,8 +104,9 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
 std::int64_t next_duration(std::int64_t duration_us, double displacement,
                            const AdaptiveWindowOptions& options) {
   const double factor = displacement > 0 ? std::clamp(options.displacement / displacement, 0.5, 2.0) : 2.0;
-  return std::clamp(static_cast<std::int64_t>(std::llround(factor * static_cast<double>(duration_us))),
-                    options.min_duration_us, options.max_duration_us);
+  return std::llround(std::clamp(factor * static_cast<double>(duration_us),
+                                 static_cast<double>(options.min_duration_us),
+                                 static_cast<double>(options.max_duration_us)));
 }
 
 }  // namespace emseg

@@ -86,19 +86,17 @@ std::pair<double, std::size_t> best_addition(const std::vector<std::vector<float
 Selection select_models(const std::vector<std::vector<float>>& costs, double label_cost) {
   Selection selection;
   auto& chosen = selection.chosen;
-  std::vector<float> minimum(costs.front().size(), std::numeric_limits<float>::max());
   double cost = std::numeric_limits<double>::infinity();
-  while (true) {
-    const auto [sum, candidate] = best_addition(costs, minimum);
-    const double with = sum + label_cost * static_cast<double>(chosen.size() + 1);
-    if (!(with < cost)) break;
-    chosen.push_back(candidate);
-    minimum = minimum_over(costs, chosen);
-    cost = with;
-  }
-  // Drops and swaps: take one out, and put the best other in if that is cheaper than going without.
   for (bool improved = true; improved;) {
     improved = false;
+    while (true) {
+      const auto [sum, candidate] = best_addition(costs, minimum_over(costs, chosen));
+      const double with = sum + label_cost * static_cast<double>(chosen.size() + 1);
+      if (!(with < cost)) break;
+      chosen.push_back(candidate);
+      cost = with;
+    }
+    // Drops and swaps: take one out, and put the best other in if that is cheaper than going without.
     for (std::size_t i = 0; i < chosen.size() && chosen.size() > 1; ++i) {
       std::vector<std::size_t> rest = chosen;
       rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
@@ -115,8 +113,8 @@ Selection select_models(const std::vector<std::vector<float>>& costs, double lab
     }
   }
   selection.cost = cost;
-  selection.of_block.assign(minimum.size(), 0);
-  for (std::size_t b = 0; b < minimum.size(); ++b) {
+  selection.of_block.assign(costs.front().size(), 0);
+  for (std::size_t b = 0; b < selection.of_block.size(); ++b) {
     for (std::size_t i = 1; i < chosen.size(); ++i) {
       if (costs[chosen[i]][b] < costs[chosen[static_cast<std::size_t>(selection.of_block[b])]][b]) {
         selection.of_block[b] = static_cast<std::int32_t>(i);

@@ -45,8 +45,10 @@ Eigen::VectorXd parameter_units(const PointView& points, const MotionModel& mode
         for (std::size_t k = 0; k < points.size(); k += stride, ++used) {
           const auto jacobian = warp.jacobian(points.x[k], points.y[k], points.dt[k]);
           for (std::size_t d = 0; d < jacobian.dx.size(); ++d) {
-            sum[static_cast<Eigen::Index>(d)] +=
+            const double square =
                 double(jacobian.dx[d]) * jacobian.dx[d] + double(jacobian.dy[d]) * jacobian.dy[d];
+            if (std::isfinite(square))
+              sum[static_cast<Eigen::Index>(d)] += square;  // a rotation may pass infinity
           }
         }
         return (sum / static_cast<double>(std::max<std::size_t>(1, used)))
@@ -119,7 +121,8 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
       const MotionModel trial = clamp_motion(model_at(u + step * direction), options.bounds, frame);
       next_u = scaled_params(trial);
       next = evaluate(trial);
-      if (next.value > now.value + 1e-4 * now.value * now.gradient.dot(next_u - u)) {
+      // Bounds may have bent the step away from the gradient; it must rise all the same.
+      if (next.value > now.value + 1e-4 * now.value * std::max(0.0, now.gradient.dot(next_u - u))) {
         risen = true;
         best.model = trial;
         best.contrast = next.value;

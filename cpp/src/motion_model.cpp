@@ -201,15 +201,18 @@ SmallVector minimum_norm_solution(const SmallMatrix& normal, const SmallVector& 
 MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs,
                                 const WarpFrame& frame) {
   MotionModel result = still(kind);
-  // All kinds are linear in their parameters to first order in dt; two more steps take up what similarity and
-  // rotation have beyond it.
-  for (int iteration = 0; iteration < 3; ++iteration) {
+  // Similarity and rotation are linear in their parameters to first order only: a few more steps take up the
+  // rest.
+  constexpr double converged = 1e-4;  // px, root mean square; the next step would be far smaller still
+  double moved = 2 * converged;
+  for (int iteration = 0; iteration < 20 && moved > converged; ++iteration) {
     std::visit(
         [&](auto& m) {
           using Model = std::decay_t<decltype(m)>;
           const typename Model::Warp warp(m, frame);
           Eigen::Matrix<double, Model::dof, Model::dof> normal = decltype(normal)::Zero();
           Eigen::Matrix<double, Model::dof, 1> right = decltype(right)::Zero();
+          double weight = 0;
           for (const Correspondence& pair : pairs) {
             const Vec2f now = warp(pair.x, pair.y, pair.dt);
             const auto jacobian = warp.jacobian(pair.x, pair.y, pair.dt);
@@ -219,11 +222,14 @@ MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence>
               rows(1, d) = jacobian.dy[static_cast<std::size_t>(d)];
             }
             const Eigen::Vector2d error(pair.target_x - now.x, pair.target_y - now.y);
+            if (!error.allFinite() || !rows.allFinite()) continue;
+            weight += pair.weight;
             normal += pair.weight * rows.transpose() * rows;
             right += pair.weight * rows.transpose() * error;
           }
           const SmallVector step = minimum_norm_solution(normal, right);
           for (int d = 0; d < Model::dof; ++d) m.params[static_cast<std::size_t>(d)] += step[d];
+          moved = weight > 0 ? std::sqrt(std::max(0.0, step.dot(normal * step)) / weight) : 0;
         },
         result);
   }
@@ -265,7 +271,7 @@ Points make_points(const EventView& events, std::int64_t t_ref, const Undistorti
   points.y.resize(n);
   points.dt.resize(n);
   for (std::size_t k = 0; k < n; ++k) {
-    points.dt[k] = static_cast<float>(1e-6 * static_cast<double>(events.t[k] - t_ref));
+    points.dt[k] = static_cast<float>(seconds_between(t_ref, events.t[k]));
     if (table) {
       const std::size_t pixel =
           static_cast<std::size_t>(events.y[k]) * static_cast<std::size_t>(table->size.width) + events.x[k];

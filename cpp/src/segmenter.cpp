@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "emseg/background.hpp"
+#include "emseg/window.hpp"
 
 namespace emseg {
 namespace {
@@ -236,6 +237,13 @@ void require(bool valid, const std::string& what) {
   if (!valid) throw std::invalid_argument(what);
 }
 
+void require_finite(const std::vector<MotionModel>& models) {
+  for (const MotionModel& model : models) make_motion(kind_of(model), params_of(model));
+}
+
+// Images and cells are counted in ints, and a canvas has four times the sensor's pixels.
+constexpr int max_sensor_side = 8192;
+
 }  // namespace
 
 void SegmenterOptions::check() const {
@@ -269,6 +277,9 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
       pool_(options.threads) {
   options_.check();
   check_events({}, size);
+  require(size.width <= max_sensor_side && size.height <= max_sensor_side,
+          "sensor size is " + std::to_string(size.width) + "x" + std::to_string(size.height) +
+              ", expected up to " + std::to_string(max_sensor_side) + " each way");
   if (camera) {
     if (camera->size != size) {
       throw std::invalid_argument("the camera is " + std::to_string(camera->size.width) + "x" +
@@ -282,13 +293,14 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
 }
 
 Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prior) {
+  const std::lock_guard turn(turn_);
   check_events(events, size_);
+  require_finite(prior.pool);
+  require_finite(prior.candidates);
   Segmentation result;
   StageClock clock(result.timings);
   const std::size_t n = events.size();
-  result.t_ref = prior.t_ref ? *prior.t_ref
-                 : n         ? events.t.front() + (events.t.back() - events.t.front()) / 2
-                             : 0;
+  result.t_ref = prior.t_ref ? *prior.t_ref : n ? std::midpoint(events.t.front(), events.t.back()) : 0;
   if (n == 0) {
     result.models = {Translation{}};
     return result;
@@ -360,8 +372,10 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   result.energy = alternation.energy();
   result.energy_trace = alternation.trace();
   result.reference_sharpness = alternation.reference();
-  result.next_duration_us = next_duration(events.t.back() - events.t.front(),
-                                          typical_displacement(points, result), window_options_);
+  const double longest = static_cast<double>(window_options_.max_duration_us);
+  const double duration_us = std::min(1e6 * seconds_between(events.t.front(), events.t.back()), longest);
+  result.next_duration_us =
+      next_duration(std::llround(duration_us), typical_displacement(points, result), window_options_);
   clock.lap("background");
   return result;
 }
@@ -371,11 +385,16 @@ std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, st
     throw std::invalid_argument("a window begins with event " + std::to_string(begin) + " of " +
                                 std::to_string(events.size()));
   }
-  if (duration_us <= 0) duration_us = judge_duration(events, begin, size_, window_options_, pool_);
-  const auto first = events.t.begin() + static_cast<std::ptrdiff_t>(begin);
-  const auto end = static_cast<std::size_t>(
-      std::lower_bound(first, events.t.end(), events.t[begin] + duration_us) - events.t.begin());
-  return std::clamp(end, begin + 1, begin + window_options_.max_events);
+  if (events.x.size() != events.size() || events.y.size() != events.size() ||
+      events.p.size() != events.size()) {
+    check_events(events, size_);  // which says so
+  }
+  if (duration_us <= 0) {
+    const std::lock_guard turn(turn_);
+    duration_us = judge_duration(events, begin, size_, window_options_, pool_);
+  }
+  return std::clamp(emseg::window_end(events.t, begin, duration_us), begin + 1,
+                    begin + window_options_.max_events);
 }
 
 double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {
@@ -391,7 +410,8 @@ double Segmenter::typical_displacement(const PointView& points, const Segmentati
           for (std::size_t k = 0; k < points.size(); ++k) {
             if (result.labels[k] != static_cast<std::int32_t>(l)) continue;
             const Vec2f to = warp(points.x[k], points.y[k], duration);
-            lengths.push_back(std::hypot(to.x - points.x[k], to.y - points.y[k]));
+            const double length = std::hypot(to.x - points.x[k], to.y - points.y[k]);
+            if (std::isfinite(length)) lengths.push_back(length);
           }
         },
         result.models[l]);

@@ -14,6 +14,9 @@ struct Slice {
   double duration = 0;  // s
 };
 
+// No more events than a 16-bit cell can count, should they all fall into one.
+constexpr std::size_t most_votes = 65535;
+
 Slice cut_slice(const PointView& points, std::span<const std::uint8_t> positive, double duration,
                 std::size_t max_events) {
   const auto half = static_cast<float>(0.5 * duration);
@@ -23,7 +26,7 @@ Slice cut_slice(const PointView& points, std::span<const std::uint8_t> positive,
   const auto last = static_cast<std::size_t>(
       std::upper_bound(points.dt.begin(), points.dt.end(), middle + half) - points.dt.begin());
   const std::size_t count = last - first;
-  const std::size_t kept = std::min(count, max_events);
+  const std::size_t kept = std::min({count, max_events, most_votes});
   Slice slice;
   slice.duration = duration;
   for (std::size_t i = 0; i < kept; ++i) {
@@ -126,6 +129,10 @@ class TileGrid {
   int columns_ = 0, rows_ = 0;
 };
 
+// Doublings at the most: times, as floats, are not told apart over more, and velocities in steps still fit an
+// int. Windows this long end with a slice of their middle.
+constexpr int most_levels = 24;
+
 // Summed-area table of tile values.
 std::vector<double> integrate(const std::vector<float>& values, int columns, int rows) {
   std::vector<double> sums(static_cast<std::size_t>((columns + 1) * (rows + 1)), 0.0);
@@ -189,6 +196,7 @@ std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points
     duration *= 0.5;
     ++levels;
   }
+  levels = std::min(levels, most_levels);
   std::vector<GridVelocity> trial;
   {
     const double reach = options.max_speed * duration / options.step;
@@ -262,6 +270,10 @@ std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points
       for (int dj = -1; dj <= 1; ++dj) {
         for (int di = -1; di <= 1; ++di) next[{2 * v.i + di, 2 * v.j + dj}] = true;
       }
+    }
+    if (ranked.empty()) {  // nothing coincides in this slice, if it has any events: the next one is asked the
+                           // same
+      for (const GridVelocity& v : trial) next[{2 * v.i, 2 * v.j}] = true;
     }
     trial.clear();
     for (const auto& [velocity, unused] : next) trial.push_back(velocity);

@@ -33,6 +33,14 @@ struct EventView {
   }
 };
 
+// Seconds from one time (us) to another, to the microsecond even where int64 does not hold the difference.
+inline double seconds_between(std::int64_t from, std::int64_t to) {
+  const auto distance = [](std::int64_t early, std::int64_t late) {
+    return 1e-6 * static_cast<double>(static_cast<std::uint64_t>(late) - static_cast<std::uint64_t>(early));
+  };
+  return from <= to ? distance(from, to) : -distance(to, from);
+}
+
 // Checks lengths, coordinates, polarities and time order.
 // Throws std::invalid_argument that names the first offending event and what was expected.
 void check_events(const EventView& events, ImageSize size);

@@ -34,7 +34,8 @@ inline void bilinear_vote(Image& image, float x, float y, float weight = 1.0f) {
     if (j + dy < 0 || j + dy >= height) continue;
     float* row = image.row(j + dy);
     const float row_weight = dy == 0 ? top_weight : low_weight;
-    if (i >= 0) row[i] += row_weight * (1 - right);
+    // u + 1 may round up to a whole number, which puts i on the border itself.
+    if (i >= 0 && i < width) row[i] += row_weight * (1 - right);
     if (i + 1 < width) row[i + 1] += row_weight * right;
   }
 }

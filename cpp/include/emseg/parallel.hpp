@@ -29,6 +29,7 @@ class ThreadPool {
   void for_each(std::size_t task_count, const std::function<void(std::size_t, int)>& body);
 
  private:
+  void stop();
   void work(int worker);
   void run_tasks(std::unique_lock<std::mutex>& lock, int worker);
 

@@ -1,6 +1,7 @@
 // The segmenter: one window of events in, a label per event and a motion model per label out.
 #pragma once
 
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -54,6 +55,7 @@ struct WindowPrior {
   std::vector<MotionModel> candidates;  // further candidates of the search, such as the last window's models
 };
 
+// Calls from several threads take turns.
 class Segmenter {
  public:
   // Throws std::invalid_argument where the options, the size or the camera do not fit.
@@ -64,7 +66,8 @@ class Segmenter {
   Segmentation segment(const EventView& events, const WindowPrior& prior = {});
 
   // One past the last event of a window of this duration from event `begin` on; a duration of 0 is judged
-  // from the events.  Throws std::invalid_argument where `begin` is not an event.
+  // from the events.  Throws std::invalid_argument where `begin` is not an event, or one that is looked at is
+  // not valid.
   std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
 
   const WarpFrame& frame() const { return frame_; }
@@ -81,6 +84,7 @@ class Segmenter {
   AdaptiveWindowOptions window_options_;
   ThreadPool pool_;
   ExpansionWorkspace expansion_workspace_;
+  std::mutex turn_;  // of the caller whose window is being worked on
 };
 
 }  // namespace emseg

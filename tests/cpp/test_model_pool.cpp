@@ -1,0 +1,150 @@
+#include <doctest/doctest.h>
+
+#include <limits>
+
+#include "emseg/model_pool.hpp"
+#include "synthetic_events.hpp"
+
+using namespace emseg;
+using namespace emseg::testing;
+
+namespace {
+
+constexpr Region plane{0, 0, 160, 120};
+const WarpFrame frame = make_warp_frame({160, 120});
+
+// A scene that moves, and an object of its own motion in its middle.
+Scene object_before_scene(const MotionModel& scene, const MotionModel& object) {
+  return moving_dots({{scene, {-10, -10, 70, 140}, 150, 12},
+                      {scene, {100, -10, 70, 140}, 150, 12},
+                      {object, {62, 40, 36, 36}, 80, 12}},
+                     frame, 0.05, 1);
+}
+
+// Smallest distance between a pool's models and a motion, over the points it made.
+double nearest(const std::vector<MotionModel>& pool, const MotionModel& truth, const Scene& scene,
+               std::int32_t source) {
+  Points own;
+  for (std::size_t k = 0; k < scene.size(); ++k) {
+    if (scene.source[k] == source) own.push_back(scene.view(), k);
+  }
+  double least = std::numeric_limits<double>::infinity();
+  for (const MotionModel& model : pool)
+    least = std::min(least, motion_distance(model, truth, frame, own.view()));
+  return least;
+}
+
+// Makes a pool from the events that a sensor would have seen.
+std::vector<MotionModel> pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
+  Scene seen;
+  for (std::size_t k = 0; k < scene.size(); ++k) {
+    const float x = scene.points.x[k], y = scene.points.y[k];
+    if (!(x >= 0 && y >= 0 && x <= 159 && y <= 119)) continue;
+    seen.points.push_back(scene.view(), k);
+    seen.positive.push_back(scene.positive[k]);
+  }
+  ThreadPool pool(threads);
+  return make_model_pool(seen.view(), seen.positive, frame, plane, options, pool);
+}
+
+}  // namespace
+
+TEST_CASE("sub-volumes of every division cover the plane once, the remainder in the last row and column") {
+  for (const auto& [rows, columns] : {std::pair{1, 1}, {3, 3}, {6, 6}, {2, 5}, {7, 3}}) {
+    for (const Region covered : {Region{0, 0, 346, 260}, {-5, -7, 31, 22}, {0, 0, 4, 3}, {2, 2, 1, 1}}) {
+      CAPTURE(rows);
+      CAPTURE(columns);
+      CAPTURE(covered.width);
+      const auto regions = sub_volumes(covered, rows, columns);
+      std::size_t next = 0;
+      for (int h = 1; h <= std::max(rows, columns); ++h) {
+        const int down = std::min({h, rows, covered.height}), across = std::min({h, columns, covered.width});
+        const int height = covered.height / down, width = covered.width / across;
+        for (int j = 0; j < down; ++j) {
+          for (int i = 0; i < across; ++i) {
+            REQUIRE(next < regions.size());
+            const int right = i + 1 == across ? covered.width : (i + 1) * width;
+            const int bottom = j + 1 == down ? covered.height : (j + 1) * height;
+            REQUIRE(regions[next++] == Region{covered.x0 + i * width, covered.y0 + j * height,
+                                              right - i * width, bottom - j * height});
+          }
+        }
+      }
+      CHECK(next == regions.size());
+    }
+  }
+  CHECK(sub_volumes({0, 0, 10, 10}, 3, 3).size() == 1 + 4 + 9);
+}
+
+TEST_CASE("the pool holds the motions of the scene and of an object before it, and little else") {
+  const MotionModel scene_motion = Similarity{{120, 50, 0.3, -0.2}};
+  const MotionModel object_motion = Translation{{-200, 90}};
+  const Scene scene = object_before_scene(scene_motion, object_motion);
+  PoolOptions options;
+  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  const auto pool = pool_of(scene, options);
+  CHECK(pool.size() <= 4);
+  for (const MotionModel& model : pool) CHECK(kind_of(model) == MotionKind::similarity);
+  CHECK(nearest(pool, scene_motion, scene, 0) < 0.5);
+  CHECK(nearest(pool, object_motion, scene, 2) < 0.5);
+  for (const int threads : {1, 7}) {
+    const auto again = pool_of(scene, options, threads);
+    REQUIRE(again.size() == pool.size());
+    for (std::size_t m = 0; m < pool.size(); ++m) {
+      CHECK(std::equal(params_of(pool[m]).begin(), params_of(pool[m]).end(), params_of(again[m]).begin()));
+    }
+  }
+}
+
+TEST_CASE("one motion makes a pool of one, of the richest kind on offer") {
+  const MotionModel motion = Translation{{150, -80}};
+  const Scene scene = object_before_scene(motion, motion);
+  for (const MotionKind kind :
+       {MotionKind::translation, MotionKind::rotation, MotionKind::affine, MotionKind::homography}) {
+    CAPTURE(name_of(kind));
+    PoolOptions options;
+    options.kinds = {MotionKind::translation, kind};
+    options.lambda_label = static_cast<double>(scene.size());
+    const auto pool = pool_of(scene, options);
+    REQUIRE(pool.size() == 1);
+    CHECK(kind_of(pool[0]) == kind);
+    CHECK(nearest(pool, motion, scene, 0) < (kind == MotionKind::rotation ? 2.0 : 0.5));
+  }
+}
+
+TEST_CASE("candidates from elsewhere are considered") {
+  // Beyond the bounds of sweep and refinement.
+  const MotionModel fast = Translation{{900, 400}};
+  const Scene scene = object_before_scene(Translation{{50, 20}}, fast);
+  PoolOptions options;
+  options.sweep.max_speed = 200;
+  options.refine.bounds.speed = 200;
+  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  const double without = nearest(pool_of(scene, options), fast, scene, 2);
+  options.candidates = {Translation{{890, 410}}};
+  CHECK(without > 3);
+  CHECK(nearest(pool_of(scene, options), fast, scene, 2) < 1);
+}
+
+TEST_CASE("a pool is never empty") {
+  PoolOptions options;
+  Scene scene;
+  for (int events = 0; events < 4; ++events) {
+    CHECK(pool_of(scene, options).size() == 1);
+    scene.points.x.push_back(30);
+    scene.points.y.push_back(20 + static_cast<float>(events));
+    scene.points.dt.push_back(0);
+    scene.positive.push_back(1);
+  }
+}
+
+TEST_CASE("labels for nothing: the pool holds the motions, whatever else it takes in") {
+  const MotionModel scene_motion = Similarity{{120, 50, 0.3, -0.2}};
+  const MotionModel object_motion = Translation{{-200, 90}};
+  const Scene scene = object_before_scene(scene_motion, object_motion);
+  PoolOptions options;
+  options.lambda_label = 0;
+  const auto pool = pool_of(scene, options);
+  CHECK(nearest(pool, scene_motion, scene, 0) < 0.5);
+  CHECK(nearest(pool, object_motion, scene, 2) < 0.5);
+}
