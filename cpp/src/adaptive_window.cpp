@@ -13,7 +13,8 @@ namespace {
 
 constexpr int tile = 32;                   // px
 constexpr double same_displacement = 1.6;  // px over the window
-constexpr double enough_displacement = 5;  // px over the window: more than a step of the sweep, so no accident
+constexpr double enough_displacement =
+    5;  // px over the window: more than a step of the sweep, so no accident
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
@@ -97,8 +98,8 @@ std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSiz
     speed = rung.speed;
     if (2 * below >= tiles) break;
   }
-  return std::clamp(static_cast<std::int64_t>(std::llround(options.displacement / speed)), options.min_duration_us,
-                    options.max_duration_us);
+  return std::clamp(static_cast<std::int64_t>(std::llround(options.displacement / speed)),
+                    options.min_duration_us, options.max_duration_us);
 }
 
 std::int64_t next_duration(std::int64_t duration_us, double displacement,

@@ -417,8 +417,7 @@ double Segmenter::typical_displacement(const PointView& points, const Segmentati
         result.models[l]);
   }
   if (lengths.empty()) return 0;
-  const auto rank =
-      static_cast<std::ptrdiff_t>(0.5 * static_cast<double>(lengths.size() - 1));
+  const auto rank = static_cast<std::ptrdiff_t>(0.5 * static_cast<double>(lengths.size() - 1));
   std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
   return lengths[static_cast<std::size_t>(rank)];
 }

@@ -15,10 +15,11 @@ struct AdaptiveWindowOptions {
   double max_speed = 5000;           // px/s
 };
 
-// Duration of the window that begins with event `begin`, judged from the events that follow it.  The velocities of
-// tiles are measured over a ladder of doubling durations.  Over too short a time they are accidents, over too long
-// a time they are not uniform; those of tiles that agree with their neighbours, and that repeat from rung to rung,
-// are the scene's.  Throws std::invalid_argument where an event that is looked at is not valid (see check_events).
+// Duration of the window that begins with event `begin`, judged from the events that follow it.  The
+// velocities of tiles are measured over a ladder of doubling durations.  Over too short a time they are
+// accidents, over too long a time they are not uniform; those of tiles that agree with their neighbours, and
+// that repeat from rung to rung, are the scene's.  Throws std::invalid_argument where an event that is looked
+// at is not valid (see check_events).
 std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSize size,
                             const AdaptiveWindowOptions& options, ThreadPool& pool);
 

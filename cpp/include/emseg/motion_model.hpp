@@ -91,7 +91,8 @@ struct Rotation {
       // x' - x, not x': small numbers keep their digits.
       const auto d = turn(x, y, dt);
       const float depth = 1 + d[2];
-      if (!(depth > 0)) return {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
+      if (!(depth > 0))
+        return {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
       return {x + (fx * d[0] - (x - px) * d[2]) / depth, y + (fy * d[1] - (y - py) * d[2]) / depth};
     }
     WarpJacobian<dof> jacobian(float x, float y, float dt) const;
