@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, Final
@@ -31,6 +32,9 @@ _KINDS: Final[dict[str, list[str]]] = {
     "homography": ["homography"],
     "auto": ["translation", "similarity", "affine"],
 }
+
+# Windows in a row whose length follows from the motions found in the last one.
+_WINDOWS_ON_TRUST: Final = 8
 
 
 def engine_options(config: Config) -> _core.SegmenterOptions:
@@ -262,14 +266,16 @@ class Segmenter:
         fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
         intervals = self.windows(events) if fixed else None
         start = 0
-        while True:
+        for count in itertools.count():
             if intervals is not None:
                 interval = next(intervals, None)
                 if interval is None:
                     return
                 start, stop = interval
             elif start < len(events):
-                stop = self._adaptive_stop(events, start, last)
+                # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
+                known = last if count % _WINDOWS_ON_TRUST else None
+                stop = self._adaptive_stop(events, start, known)
             else:
                 return
             found = self.segment(events[start:stop], candidates=last.models if last else ())
