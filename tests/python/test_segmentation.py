@@ -258,6 +258,7 @@ def test_a_still_camera_has_a_background_that_does_not_move():
     """One thing that moves before nothing: it is an object, and what little lies around is background."""
     events, truth = two_motions()
     thing = events[truth == 1]
+    thing = event_array(thing.x, thing.y, thing.t, p=thing.p, width=320, height=240)
     found = emseg.segment(thing)
     assert found.models[0].label == 0
     np.testing.assert_array_equal(found.models[0].params, 0.0)
