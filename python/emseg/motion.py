@@ -37,7 +37,8 @@ class MotionModel:
     homography   affine's, g h (1/s)     x' = x - dt (v + A (x - c) + (x - c) (g, h)·(x - c)/f0)
     ===========  ======================  ==========================================================
 
-    f0 = max(width, height).  Positions are undistorted where a camera is given.
+    f0 = max(width, height).  Positions are undistorted where a camera is given.  A rotation's w is the angular
+    velocity of the scene about the camera; that of a camera turning before a still scene is -w.
 
     Attributes:
         kind: One of the names above.

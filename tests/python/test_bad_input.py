@@ -7,30 +7,31 @@ import re
 import numpy as np
 import pytest
 from engine_and_reference import event_array, scattered_events
+from typer.testing import CliRunner
 
 import emseg
-from emseg.cli import main
+from emseg.cli import app
 
 GOOD = {"x": [1, 2, 3], "y": [4, 5, 6], "t": [10, 20, 30], "p": [0, 1, 0], "width": 16, "height": 12}
 
 BAD = {
     "unsorted": ({"t": [10, 30, 20]}, "event 2 has time 20"),
-    "x outside": ({"x": [1, 16, 3]}, r"x\[1\] is 16"),
-    "y outside": ({"y": [4, 5, 12]}, r"y\[2\] is 12"),
-    "x negative": ({"x": [1, -1, 3]}, r"x\[1\] is -1"),
+    "x outside": ({"x": [1, 16, 3]}, "event 1 has x = 16, outside the sensor, expected 0..15"),
+    "y outside": ({"y": [4, 5, 12]}, "event 2 has y = 12, outside the sensor, expected 0..11"),
+    "x negative": ({"x": [1, -1, 3]}, "event 1 has x = -1, outside the sensor"),
     "unequal": ({"x": [1, 2]}, "different lengths: x 2, y 3, t 3, p 3"),
-    "nan in x": ({"x": [1.0, np.nan, 3.0]}, r"x\[1\] is nan"),
-    "nan in t": ({"t": [1.0, 2.0, np.nan]}, r"t\[2\] is nan"),
-    "infinite": ({"t": [1.0, 2.0, np.inf]}, r"t\[2\] is inf"),
-    "fractions of px": ({"x": [1.0, 2.5, 3.0]}, r"x\[1\] is 2\.5"),
-    "fractions of µs": ({"t": [1.0, 2.5, 3.0]}, r"t\[1\] is 2\.5"),
-    "t beyond int64": ({"t": np.array([1, 2, 2**63], np.uint64)}, r"t\[2\] is 9223372036854775808"),
-    "words": ({"x": ["a", "b", "c"]}, "x"),
-    "complex": ({"x": np.array([1j, 2, 3])}, "x"),
-    "objects": ({"x": np.array([None, 2, 3], object)}, "x"),
-    "times of day": ({"t": np.array([1, 2, 3], "datetime64[us]")}, "t"),
-    "two-dimensional": ({"x": np.zeros((3, 1), int)}, "x"),
-    "polarity": ({"p": [0, 1, 2]}, r"p\[2\] is 2"),
+    "nan in x": ({"x": [1.0, np.nan, 3.0]}, "event 1 has x = nan"),
+    "nan in t": ({"t": [1.0, 2.0, np.nan]}, "event 2 has t = nan"),
+    "infinite": ({"t": [1.0, 2.0, np.inf]}, "event 2 has t = inf"),
+    "fractions of px": ({"x": [1.0, 2.5, 3.0]}, "event 1 has x = 2.5"),
+    "fractions of µs": ({"t": [1.0, 2.5, 3.0]}, "event 1 has t = 2.5"),
+    "t beyond int64": ({"t": np.array([1, 2, 2**63], np.uint64)}, "event 2 has t = 9223372036854775808"),
+    "words": ({"x": ["a", "b", "c"]}, "x has dtype <U1"),
+    "complex": ({"x": np.array([1j, 2, 3])}, "x has dtype complex128"),
+    "objects": ({"x": np.array([None, 2, 3], object)}, "x has dtype object"),
+    "times of day": ({"t": np.array([1, 2, 3], "datetime64[us]")}, "t has dtype datetime64"),
+    "two-dimensional": ({"x": np.zeros((3, 1), int)}, "x has shape (3, 1)"),
+    "polarity": ({"p": [0, 1, 2]}, "event 2 has polarity 2"),
     "no sensor": ({"width": 0}, "width is 0"),
     "huge sensor": ({"width": 10**9}, "width is 1000000000"),
 }
@@ -39,7 +40,7 @@ BAD = {
 @pytest.mark.parametrize("name", list(BAD))
 def test_bad_columns_are_refused_by_name_and_place(name):
     change, message = BAD[name]
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=re.escape(message)):
         emseg.EventArray(**{**GOOD, **change})
 
 
@@ -138,23 +139,22 @@ def test_a_million_events_in_one_window():
     ],
     ids=["unsorted", "outside", "unequal", "nan"],
 )
-def test_the_command_names_the_file_and_what_is_wrong_in_it(tmp_path, capfd, columns, message):
+def test_the_command_names_the_file_and_what_is_wrong_in_it(tmp_path, columns, message):
     path = tmp_path / "broken.npz"
     np.savez(path, **{**GOOD, **columns})
-    assert main(["segment", str(path), "--out", str(tmp_path / "out")]) == 1
-    output = "".join(capfd.readouterr())
+    result = CliRunner().invoke(app, ["segment", str(path), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 1
+    output = " ".join(result.output.split())
     assert re.search(f"broken.npz.*{message}", output), output
     assert "Traceback" not in output
 
 
 @pytest.mark.parametrize("name", ["empty", "one event", "one pixel", "one time"])
-def test_the_command_segments_odd_recordings(tmp_path, capfd, name):
+def test_the_command_segments_odd_recordings(tmp_path, name):
     events = ODD[name]
     path = tmp_path / "odd.npz"
     np.savez(path, x=events.x, y=events.y, t=events.t, p=events.p, width=events.width, height=events.height)
-    code = main(["segment", str(path), "--out", str(tmp_path / "out")])
-    output = "".join(capfd.readouterr())
-    assert "Traceback" not in output
-    assert code == 0, output
+    result = CliRunner().invoke(app, ["segment", str(path), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
     with np.load(tmp_path / "out" / "odd" / "labels.npz") as labels:
-        assert len(labels["label"]) == len(events)
+        assert len(labels["labels"]) == len(events)

@@ -83,8 +83,8 @@ def test_searched_by_default_every_window_is_at_least_as_accurate(name):
 def test_searched_with_the_published_settings_the_published_energy_is_not_above_theirs(name):
     """Both labellings by the reference's energy on one graph, each with the models that it uses.
 
-    IWE_max, the largest value over all models, is taken over both sides' models.  It scales the data term: with
-    a maximum of its own, the side with the sharper models would be charged more for the same fit.
+    IWE_max, the largest value over all models, is taken over both sides' models.  It scales the data term:
+    with a maximum of its own, the side with the sharper models would be charged more for the same fit.
     """
     window = published_window(name)
     found = segmented(name, "published", "searched")

@@ -83,7 +83,7 @@ def test_the_made_scene_is_segmented_and_its_objects_keep_their_tracks():
 
 
 def test_every_car_is_found_in_most_of_its_frames():
-    """A box is found by the criterion of the EED data set.  The bounds are what is measured: 152 of 176 boxes.
+    """A box is found by the criterion of the EED data set.  The bounds are what is measured: 152 of 176.
 
     The boxes were made automatically, every 25 ms, and are good to 1.8 s; then the cars merge.
     """
@@ -108,8 +108,7 @@ def test_every_car_is_found_in_most_of_its_frames():
         assert np.mean(hits) >= 0.8
 
 
-def test_each_window_may_start_from_the_last_but_need_not():
-    """A segmenter that has run before gives the same again: nothing is kept between recordings."""
+def test_a_segmenter_keeps_nothing_between_recordings():
     events = recording("made_scene")[:40_000]
     segmenter = emseg.Segmenter(events.width, events.height)
     first, second = list(segmenter.run(events)), list(segmenter.run(events))
