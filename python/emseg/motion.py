@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -37,7 +38,8 @@ class MotionModel:
     homography   affine's, g h (1/s)     x' = x - dt (v + A (x - c) + (x - c) (g, h)·(x - c)/f0)
     ===========  ======================  ==========================================================
 
-    f0 = max(width, height).  Positions are undistorted where a camera is given.
+    f0 = max(width, height).  Positions are undistorted where a camera is given.  A rotation's w is the
+    angular velocity of the scene about the camera; that of a camera turning before a still scene is -w.
 
     Attributes:
         kind: One of the names above.
@@ -113,8 +115,13 @@ def points(
     dt = ((events.t - t_ref) * 1e-6).astype(np.float32)
     if camera is None:
         return events.x.astype(np.float32), events.y.astype(np.float32), dt
-    table_x, table_y = camera.undistortion_table()
+    table_x, table_y = _undistortion_table(camera)
     return table_x[events.y, events.x], table_y[events.y, events.x], dt
+
+
+@lru_cache(maxsize=4)
+def _undistortion_table(camera: Camera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    return camera.undistortion_table()
 
 
 def warp(

@@ -149,15 +149,21 @@ class Segmentation:
 
     @cached_property
     def boxes(self) -> npt.NDArray[Any]:
-        """Boxes of the moving labels at t_ref: structured array (track, x, y, w, h), px, by track."""
+        """Boxes of the moving labels at t_ref on the sensor: array of (track, x, y, w, h), px, by track."""
         rows = []
         for model in self.models:
             if model.label is None or model.label <= 0:
                 continue
             own = self.events_of(model.label)
             if len(own):
-                rows.append((model.label, *bounding_box(warp(own, model, self.t_ref))))
+                rows.append((model.label, *bounding_box(self._on_sensor(own, model))))
         return np.array(sorted(rows), dtype=BOX_DTYPE)
+
+    def _on_sensor(self, own: EventArray, model: MotionModel) -> npt.NDArray[np.float32]:
+        """Places of events at t_ref as the lens shows them, but for the distortion's change on the way."""
+        still = MotionModel("translation")
+        moved, place = (warp(own, m, self.t_ref, camera=self.camera) for m in (model, still))
+        return np.column_stack([own.x, own.y]).astype(np.float32) + (moved - place)
 
 
 class Segmenter:

@@ -10,6 +10,7 @@ import pytest
 from engine_and_reference import (
     event_array,
     lens,
+    reference_camera,
     reference_graph,
     reference_model,
     reference_window,
@@ -258,6 +259,7 @@ def test_a_still_camera_has_a_background_that_does_not_move():
     """One thing that moves before nothing: it is an object, and what little lies around is background."""
     events, truth = two_motions()
     thing = events[truth == 1]
+    thing = event_array(thing.x, thing.y, thing.t, p=thing.p, width=320, height=240)
     found = emseg.segment(thing)
     assert found.models[0].label == 0
     np.testing.assert_array_equal(found.models[0].params, 0.0)
@@ -266,6 +268,36 @@ def test_a_still_camera_has_a_background_that_does_not_move():
     assert box["track"] == 1
     assert 30 < box["w"] < 55
     assert 30 < box["h"] < 55
+
+
+def test_boxes_lie_on_the_sensor_where_the_lens_shows_them():
+    """A patch near a corner while the camera turns: its box is around where the lens shows it at t_ref."""
+    camera = lens(160, 120)
+    rng = np.random.default_rng(0)
+    rotation = emseg.MotionModel("rotation", [0.6, -0.8, 1.0], label=1)
+    dt = np.sort(rng.uniform(-0.08, 0.08, 2000))
+    place = rng.uniform((20, 80), (50, 105), (2000, 2))
+    frame = reference.ImageFrame(160, 120, reference_camera(camera))
+    seen = reference.warp_points(reference_model(rotation), place, -dt, frame)
+    pixel = np.rint(reference_camera(camera).distort(seen)).astype(int)
+    events = event_array(*pixel.T, np.rint(dt * 1e6), width=160, height=120)
+    found = emseg.Segmentation(
+        events,
+        np.ones(2000, np.int32),
+        [emseg.MotionModel("translation", label=0), rotation],
+        energy=0.0,
+        energy_trace=[0.0],
+        reference_sharpness=1.0,
+        timings={},
+        t_ref=0,
+        next_duration=0,
+        camera=camera,
+    )
+    shown = reference_camera(camera).distort(place)
+    low, high = np.quantile(shown, (0.01, 0.99), axis=0)
+    (box,) = found.boxes
+    np.testing.assert_allclose([box["x"], box["y"]], low, atol=1.0)
+    np.testing.assert_allclose([box["w"], box["h"]], high - low + 1, atol=1.0)
 
 
 def test_noise_is_marked_and_everything_else_keeps_its_label():
