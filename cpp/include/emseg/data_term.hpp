@@ -44,7 +44,10 @@ double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> s
 // Cost of sharpness G, 0..255; what is sharper than the reference costs nothing.
 float event_cost(DataTerm term, float sharpness, float reference);
 
-// Costs of all events, lambda_data times, rounded: the integers that the energy is made of.
+// The cost lambda_data times, rounded: the integers that the energy is made of.
+std::int32_t integer_cost(DataTerm term, float sharpness, double reference, double lambda_data);
+
+// Of all events.
 void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
                    std::span<std::int32_t> costs);
 

@@ -53,7 +53,8 @@ std::vector<float> gaussian_taps(double sigma);
 
 // Scratch of gaussian_blur.
 struct BlurWorkspace {
-  std::vector<float> rows;
+  std::vector<float> rows;    // the image after the first pass
+  std::vector<float> padded;  // one row with zeros on either side
 };
 
 // Separable Gaussian blur in place, zero outside the image.  The operator is its own adjoint.
