@@ -12,35 +12,10 @@
 #include <utility>
 
 #include "emseg/event_graph.hpp"
+#include "pixel_box.hpp"
 
 namespace emseg {
 namespace {
-
-constexpr std::int64_t max_extent = 65535;  // px; the coordinates of events are 16 bit
-
-struct Box {
-  int min_x = std::numeric_limits<int>::max(), max_x = std::numeric_limits<int>::min();
-  int min_y = std::numeric_limits<int>::max(), max_y = std::numeric_limits<int>::min();
-
-  std::int64_t width() const { return std::int64_t{max_x} - min_x; }
-  std::int64_t height() const { return std::int64_t{max_y} - min_y; }
-};
-
-Box bounding_box(std::span<const Pixel> pixels) {
-  Box box;
-  for (const Pixel& pixel : pixels) {
-    box.min_x = std::min(box.min_x, pixel.x);
-    box.max_x = std::max(box.max_x, pixel.x);
-    box.min_y = std::min(box.min_y, pixel.y);
-    box.max_y = std::max(box.max_y, pixel.y);
-  }
-  if (box.width() > max_extent || box.height() > max_extent) {
-    throw std::invalid_argument("pixels span " + std::to_string(box.width()) + " x " +
-                                std::to_string(box.height()) + " px, expected at most " +
-                                std::to_string(max_extent) + " each way");
-  }
-  return box;
-}
 
 // The pixels in the order of the algorithm: strip by strip, in a strip by (x, y).
 struct Strips {
@@ -60,7 +35,7 @@ void counting_sort(std::vector<std::int32_t>& order, std::vector<std::int32_t>& 
   order.swap(scratch);
 }
 
-Strips cut_into_strips(std::span<const Pixel> pixels, const Box& box) {
+Strips cut_into_strips(std::span<const Pixel> pixels, const PixelBox& box) {
   const std::size_t n = pixels.size();
   const std::size_t columns = static_cast<std::size_t>(box.width()) + 1;
   const std::size_t rows = static_cast<std::size_t>(box.height()) + 1;
@@ -331,7 +306,7 @@ std::vector<PixelEdge> delaunay_edges(std::span<const Pixel> pixels) {
   if (pixels.size() > std::numeric_limits<std::int32_t>::max() / 6) {
     throw std::invalid_argument(std::to_string(pixels.size()) + " pixels, expected at most 2^31 / 6");
   }
-  const Box box = bounding_box(pixels);
+  const PixelBox box = bounding_box(pixels);
   const Strips strips = cut_into_strips(pixels, box);
   const double w = static_cast<double>(box.width()), h = static_cast<double>(box.height());
   const bool fits_64_bits = w * h * (w * w + h * h) < 0x1p62;  // every box up to 38967 x 38967

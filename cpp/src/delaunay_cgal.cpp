@@ -10,36 +10,16 @@
 #include <string>
 
 #include "emseg/event_graph.hpp"
+#include "pixel_box.hpp"
 
 namespace emseg {
 namespace {
-
-constexpr std::int64_t max_extent = 65535;  // px; the coordinates of events are 16 bit
-
-struct Box {
-  int min_x = std::numeric_limits<int>::max(), max_x = std::numeric_limits<int>::min();
-  int min_y = std::numeric_limits<int>::max(), max_y = std::numeric_limits<int>::min();
-
-  std::int64_t width() const { return std::int64_t{max_x} - min_x; }
-  std::int64_t height() const { return std::int64_t{max_y} - min_y; }
-};
-
-Box bounding_box(std::span<const Pixel> pixels) {
-  Box box;
-  for (const Pixel& pixel : pixels) {
-    box.min_x = std::min(box.min_x, pixel.x);
-    box.max_x = std::max(box.max_x, pixel.x);
-    box.min_y = std::min(box.min_y, pixel.y);
-    box.max_y = std::max(box.max_y, pixel.y);
-  }
-  return box;
-}
 
 // Whether plain doubles decide exactly.  CGAL's in-circle predicate compares two products cross * dot of
 // coordinate differences, where |cross| <= w h (twice a triangle in a box of w by h) and |dot| <= w^2 + h^2;
 // all intermediates are integers, so they are exact while the product stays within 2^53.  That holds for
 // every box up to 8192 x 8192; orientations need less.
-bool doubles_are_exact(const Box& box) {
+bool doubles_are_exact(const PixelBox& box) {
   const double w = static_cast<double>(box.width());
   const double h = static_cast<double>(box.height());
   return w * h * (w * w + h * h) <= 0x1p53;
@@ -56,7 +36,7 @@ bool doubles_are_exact(const Box& box) {
 }
 
 template <typename Kernel>
-std::vector<PixelEdge> triangulate(std::span<const Pixel> pixels, const Box& box) {
+std::vector<PixelEdge> triangulate(std::span<const Pixel> pixels, const PixelBox& box) {
   using Vertex = CGAL::Triangulation_vertex_base_with_info_2<std::int32_t, Kernel>;
   using Triangulation = CGAL::Delaunay_triangulation_2<Kernel, CGAL::Triangulation_data_structure_2<Vertex>>;
   using Point = typename Triangulation::Point;
@@ -88,15 +68,7 @@ std::vector<PixelEdge> triangulate(std::span<const Pixel> pixels, const Box& box
 
 std::vector<PixelEdge> delaunay_edges_cgal(std::span<const Pixel> pixels) {
   if (pixels.size() < 2) return {};
-  if (pixels.size() > static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) {
-    throw std::invalid_argument(std::to_string(pixels.size()) + " pixels, expected fewer than 2^31");
-  }
-  const Box box = bounding_box(pixels);
-  if (box.width() > max_extent || box.height() > max_extent) {
-    throw std::invalid_argument("pixels span " + std::to_string(box.width()) + " x " +
-                                std::to_string(box.height()) + " px, expected at most " +
-                                std::to_string(max_extent) + " each way");
-  }
+  const PixelBox box = bounding_box(pixels);
   return doubles_are_exact(box)
              ? triangulate<CGAL::Simple_cartesian<double>>(pixels, box)
              : triangulate<CGAL::Exact_predicates_inexact_constructions_kernel>(pixels, box);

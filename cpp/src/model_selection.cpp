@@ -29,7 +29,7 @@ std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& suppor
   for (std::size_t k = 0; k < grid.of_event.size(); ++k) {
     own[static_cast<std::size_t>(grid.of_event[k])] += lambda * event_cost(term, support.sharpness[k], g_ref);
   }
-  // Half weight for the four neighbours, scaled so that the total stays that of the events.
+  // Half weight for the four neighbours; a mean, so that costs stay those of a block's worth of events.
   std::vector<float> costs(grid.count());
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -108,6 +109,16 @@ class Segmentation:
     def __repr__(self) -> str:
         sizes = ", ".join(f"{m.label}: {int((self.labels == m.label).sum())}" for m in self.models)
         return f"Segmentation({len(self.events)} events at {self.t_ref} µs; events by label {{{sizes}}})"
+
+    def relabelled(
+        self, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], *, start: int
+    ) -> Segmentation:
+        """The same window under other label numbers, int32 (n,), at another place in the recording."""
+        other = copy.copy(self)
+        other.__dict__.pop("boxes", None)
+        other.labels, other.models = labels, list(models)
+        other.start, other.stop = start, start + len(labels)
+        return other
 
     def model_of(self, label: int) -> MotionModel:
         """The motion of a label.
@@ -289,19 +300,7 @@ class Segmenter:
             labels, models = tracker.assign(
                 found.events, found.labels, found.models, found.t_ref, self.camera
             )
-            yield Segmentation(
-                found.events,
-                labels,
-                models,
-                energy=found.energy,
-                energy_trace=found.energy_trace,
-                reference_sharpness=found.reference_sharpness,
-                timings=found.timings,
-                t_ref=found.t_ref,
-                next_duration=found.next_duration,
-                start=start,
-                camera=self.camera,
-            )
+            yield found.relabelled(labels, models, start=start)
             start = stop
 
     def _adaptive_stop(self, events: EventArray, start: int, last: Segmentation | None) -> int:
