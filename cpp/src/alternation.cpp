@@ -40,7 +40,7 @@ void Alternation::run() {
     if (!refit()) break;
     label();
     drop_unused();
-    if (energy() >= before) break;
+    if (static_cast<double>(before - energy()) <= options_.tolerance * static_cast<double>(before)) break;
   }
 }
 
@@ -92,14 +92,15 @@ void Alternation::drop_unused() {
   costs_.resize(kept);
   label_costs_.resize(kept);
   for (std::int32_t& label : labels_) label = position[static_cast<std::size_t>(label)];
+  for (std::int32_t& label : refitted_labels_) label = position[static_cast<std::size_t>(label)];
   const std::int64_t before = data_cost();
   reference_ = reference_with(0, supports_[0]);
   set_costs();
   trace_.push_back(energy() + data_cost() - before);
 }
 
-// Models given labels: every used model is refitted on its own events, as each kind on offer; a refit that
-// lowers the energy takes the model's place.  True if one did.
+// Models given labels: every used model whose events have changed is refitted on them, as each kind on offer;
+// a refit that lowers the energy takes the model's place.  True if one did.
 bool Alternation::refit() {
   std::vector<Points> members(models_.size());
   for (std::size_t k = 0; k < labels_.size(); ++k)
@@ -112,7 +113,7 @@ bool Alternation::refit() {
   };
   std::vector<Refit> refits;
   for (std::size_t l = 0; l < models_.size(); ++l) {
-    if (members[l].size() == 0) continue;
+    if (members[l].size() == 0 || !members_changed(l)) continue;
     for (const MotionKind kind : options_.kinds) refits.push_back({l, kind, {}, {}});
   }
   pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
@@ -124,6 +125,8 @@ bool Alternation::refit() {
                       .model;
     evaluate(refit.model, worker, refit.support);
   });
+
+  refitted_labels_ = labels_;
 
   bool improved = false;
   std::int64_t current = data_cost();
@@ -145,6 +148,15 @@ bool Alternation::refit() {
   }
   clock_.lap("refit");
   return improved;
+}
+
+// Since the last refit.
+bool Alternation::members_changed(std::size_t label) const {
+  const auto l = static_cast<std::int32_t>(label);
+  for (std::size_t k = 0; k < refitted_labels_.size(); ++k) {
+    if ((labels_[k] == l) != (refitted_labels_[k] == l)) return true;
+  }
+  return refitted_labels_.empty();
 }
 
 void Alternation::evaluate(const MotionModel& model, int worker, ModelSupport& support) {

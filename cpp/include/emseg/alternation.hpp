@@ -21,9 +21,10 @@ struct AlternationOptions {
   std::int64_t label_cost = 8000;                         // lambda_M
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
-  double sigma = 1;    // blur of the data term's images, px
-  int iterations = 5;  // labels and models in turn (NUM_ITER_SEGMENTATION)
-  int sweeps = 2;      // of expansion moves in each (NUM_ITER_LABELING)
+  double sigma = 1;         // blur of the data term's images, px
+  int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
+  double tolerance = 1e-5;  // share of the energy: what falls less has stopped falling
+  int sweeps = 2;           // of expansion moves in each (NUM_ITER_LABELING)
 };
 
 // Labels and models of one window with their energy
@@ -54,6 +55,7 @@ class Alternation {
   void label();
   void drop_unused();
   bool refit();
+  bool members_changed(std::size_t label) const;
   void evaluate(const MotionModel& model, int worker, ModelSupport& support);
   double reference_with(std::size_t label, const ModelSupport& support) const;
   std::int64_t data_cost_with(std::size_t label, const ModelSupport& support, double reference) const;
@@ -79,6 +81,7 @@ class Alternation {
   double reference_ = 0;
   std::vector<std::vector<std::int32_t>> costs_;  // per model, per event
   std::vector<std::int32_t> labels_;
+  std::vector<std::int32_t> refitted_labels_;  // that the last refit saw
   std::vector<std::int64_t> trace_;
 };
 
