@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -263,6 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_circumstances(found)
     rows, reference = [], []
     for name in options.windows:
+        print(f"{name} …", file=sys.stderr, flush=True)
         window = windows.load(name)
         rows.append(bench_window(window, config, repeats=options.repeats, fresh=options.fresh))
         if options.reference == "all" or (options.reference == "smallest" and name == SMALLEST):

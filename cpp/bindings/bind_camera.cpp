@@ -16,14 +16,14 @@ Camera make_camera(int width, int height, double fx, double fy, double cx, doubl
   return camera;
 }
 
-py::tuple undistortion_table(const Camera& camera) {
+std::pair<py::array_t<float>, py::array_t<float>> undistortion_table(const Camera& camera) {
   UndistortionTable table;
   {
     py::gil_scoped_release release;
     table = make_undistortion_table(camera);
   }
   const std::vector<py::ssize_t> shape{camera.size.height, camera.size.width};
-  return py::make_tuple(to_numpy(std::move(table.x), shape), to_numpy(std::move(table.y), shape));
+  return {to_numpy(std::move(table.x), shape), to_numpy(std::move(table.y), shape)};
 }
 
 template <Point2 (*Map)(const Camera&, Point2)>

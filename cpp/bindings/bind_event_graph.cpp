@@ -7,15 +7,18 @@ using namespace emseg::bindings;
 
 namespace {
 
-py::tuple event_graph(const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
-                      const Array<std::int64_t>& t, const Array<std::uint8_t>& p, int width, int height) {
+std::pair<py::array_t<std::int64_t>, py::array_t<std::int32_t>> event_graph(const Array<std::uint16_t>& x,
+                                                                            const Array<std::uint16_t>& y,
+                                                                            const Array<std::int64_t>& t,
+                                                                            const Array<std::uint8_t>& p,
+                                                                            int width, int height) {
   const EventView events = event_view(x, y, t, p);
   EventGraph graph;
   {
     py::gil_scoped_release release;
     graph = build_event_graph(events, {width, height});
   }
-  return py::make_tuple(to_numpy(std::move(graph.indptr)), to_numpy(std::move(graph.indices)));
+  return {to_numpy(std::move(graph.indptr)), to_numpy(std::move(graph.indices))};
 }
 
 template <std::vector<PixelEdge> (*Triangulate)(std::span<const Pixel>)>

@@ -21,16 +21,17 @@ std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
   std::vector<NamedModel> result;
   for (const MotionModel& model : models) {
     const auto params = params_of(model);
-    result.emplace_back(std::string(name_of(kind_of(model))), std::vector<double>(params.begin(), params.end()));
+    result.emplace_back(std::string(name_of(kind_of(model))),
+                        std::vector<double>(params.begin(), params.end()));
   }
   return result;
 }
 
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
-                              std::optional<double> lambda_label, int bracket_row, int bracket_col, double max_speed,
-                              double max_scale_rate, double max_angle_rate, const std::vector<std::string>& kinds,
-                              int num_iter_segmentation, int num_iter_labeling, double sigma, bool mark_noise,
-                              int threads) {
+                              std::optional<double> lambda_label, int bracket_row, int bracket_col,
+                              double max_speed, double max_scale_rate, double max_angle_rate,
+                              const std::vector<std::string>& kinds, int num_iter_segmentation,
+                              int num_iter_labeling, double sigma, bool mark_noise, int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);
   options.lambda_data = lambda_data;
@@ -54,11 +55,13 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
 
 void bind_segmenter(py::module_& m) {
   const SegmenterOptions defaults;
-  py::class_<SegmenterOptions>(m, "SegmenterOptions", "Settings of the engine; emseg.Config is their public face.")
+  py::class_<SegmenterOptions>(m, "SegmenterOptions",
+                               "Settings of the engine; emseg.Config is their public face.")
       .def(py::init(&make_options), py::kw_only(), py::arg("data_term") = "logarithmic",
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
            py::arg("lambda_label") = defaults.lambda_label, py::arg("bracket_row") = defaults.bracket_row,
-           py::arg("bracket_col") = defaults.bracket_col, py::arg("affine_trans2d_max") = defaults.bounds.speed,
+           py::arg("bracket_col") = defaults.bracket_col,
+           py::arg("affine_trans2d_max") = defaults.bounds.speed,
            py::arg("affine_scale_max") = defaults.bounds.scale_rate,
            py::arg("affine_theta_max") = defaults.bounds.angle_rate,
            py::arg("kinds") = std::vector<std::string>{"translation", "similarity"},
@@ -68,8 +71,8 @@ void bind_segmenter(py::module_& m) {
            "Raise ValueError that names the first setting out of range.");
 
   py::class_<Segmentation>(m, "Segmentation", "What the engine makes of one window.")
-      .def_property_readonly("labels",
-                             [](const Segmentation& s) { return to_numpy(std::vector<std::int32_t>(s.labels)); })
+      .def_property_readonly(
+          "labels", [](const Segmentation& s) { return to_numpy(std::vector<std::int32_t>(s.labels)); })
       .def_property_readonly("models", [](const Segmentation& s) { return named(s.models); })
       .def_readonly("t_ref", &Segmentation::t_ref)
       .def_readonly("energy", &Segmentation::energy)
@@ -78,12 +81,13 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("next_duration_us", &Segmentation::next_duration_us)
       .def_readonly("timings", &Segmentation::timings);
 
-  py::class_<Segmenter>(m, "Segmenter", "The engine for one sensor: keeps tables, threads and memory between windows.")
-      .def(py::init([](int width, int height, const SegmenterOptions& options, const Camera* camera) {
-             return std::make_unique<Segmenter>(ImageSize{width, height},
-                                                camera ? std::optional<Camera>(*camera) : std::nullopt, options);
+  py::class_<Segmenter>(m, "Segmenter",
+                        "The engine for one sensor: keeps tables, threads and memory between windows.")
+      .def(py::init([](int width, int height, const SegmenterOptions& options,
+                       const std::optional<Camera>& camera) {
+             return std::make_unique<Segmenter>(ImageSize{width, height}, camera, options);
            }),
-           py::arg("width"), py::arg("height"), py::arg("options"), py::arg("camera") = nullptr)
+           py::arg("width"), py::arg("height"), py::arg("options"), py::arg("camera") = std::nullopt)
       .def(
           "segment",
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
@@ -100,7 +104,8 @@ void bind_segmenter(py::module_& m) {
       .def(
           "window_end",
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
-             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::size_t begin, std::int64_t duration_us) {
+             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::size_t begin,
+             std::int64_t duration_us) {
             const EventView events = event_view(x, y, t, p);
             py::gil_scoped_release release;
             return segmenter.window_end(events, begin, duration_us);

@@ -13,18 +13,15 @@ namespace {
 
 constexpr int tile = 32;                   // px
 constexpr double same_displacement = 1.6;  // px over the window
+constexpr double enough_displacement =
+    5;  // px over the window: more than a step of the sweep, so no accident
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
-struct TileMotion {
-  bool known = false;
-  double dx = 0, dy = 0;  // px over the window
-};
-
+// What a window of one duration tells of the speed of the scene.
 struct Rung {
-  std::int64_t duration_us = 0;
-  double agreement = 0;     // share of neighbouring tiles that move alike
-  double displacement = 0;  // quantile over the tiles, px
+  double speed = 0;  // px/us, median over the tiles that agree with two neighbours; 0 for unknown
+  int tiles = 0;     // that agree
 };
 
 Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
@@ -33,10 +30,9 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   const Points points = make_points(window, std::midpoint(window.t.front(), window.t.back()));
   const int columns = (size.width + tile - 1) / tile;
   const int rows = (size.height + tile - 1) / tile;
-  std::vector<int> events(static_cast<std::size_t>(columns * rows), 0);
-  for (std::size_t k = 0; k < window.size(); ++k) {
-    ++events[static_cast<std::size_t>(window.y[k] / tile * columns + window.x[k] / tile)];
-  }
+  const auto index = [&](int column, int row) { return static_cast<std::size_t>(row * columns + column); };
+  std::vector<int> events(index(0, rows), 0);
+  for (std::size_t k = 0; k < window.size(); ++k) ++events[index(window.x[k] / tile, window.y[k] / tile)];
   std::vector<Region> regions;
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column)
@@ -45,39 +41,35 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   SweepOptions sweep;
   sweep.max_speed = options.max_speed;
   sweep.per_region = 1;
-  const auto velocities =
-      sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
+  const auto found = sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
 
-  Rung rung;
-  rung.duration_us = duration_us;
-  const double seconds = 1e-6 * static_cast<double>(duration_us);
-  std::vector<TileMotion> motions(regions.size());
-  std::vector<double> lengths;
-  for (std::size_t r = 0; r < regions.size(); ++r) {
-    if (events[r] < enough_in_tile || velocities[r].empty()) continue;
-    const VelocityScore& v = velocities[r].front();
-    motions[r] = {true, v.vx * seconds, v.vy * seconds};
-    lengths.push_back(std::hypot(motions[r].dx, motions[r].dy));
-  }
-  if (lengths.empty()) return rung;
-  int pairs = 0, alike = 0;
-  const auto compare = [&](const TileMotion& a, const TileMotion& b) {
-    if (!a.known || !b.known) return;
-    ++pairs;
-    alike += std::hypot(a.dx - b.dx, a.dy - b.dy) < same_displacement;
+  const auto known = [&](int column, int row) {
+    return column >= 0 && row >= 0 && column < columns && row < rows &&
+           events[index(column, row)] >= enough_in_tile && !found[index(column, row)].empty();
   };
+  const auto velocity = [&](int column, int row) { return found[index(column, row)].front(); };
+  const double px_per_speed = 1e-6 * static_cast<double>(duration_us);
+  std::vector<double> speeds;
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
-      const auto here = static_cast<std::size_t>(row * columns + column);
-      if (column + 1 < columns) compare(motions[here], motions[here + 1]);
-      if (row + 1 < rows) compare(motions[here], motions[here + static_cast<std::size_t>(columns)]);
+      if (!known(column, row)) continue;
+      const VelocityScore own = velocity(column, row);
+      int alike = -1;  // not itself
+      for (int j = row - 1; j <= row + 1; ++j) {
+        for (int i = column - 1; i <= column + 1; ++i) {
+          if (!known(i, j)) continue;
+          const VelocityScore other = velocity(i, j);
+          alike += std::hypot(own.vx - other.vx, own.vy - other.vy) * px_per_speed < same_displacement;
+        }
+      }
+      if (alike >= 2) speeds.push_back(1e-6 * std::hypot(own.vx, own.vy));
     }
   }
-  rung.agreement = pairs > 0 ? static_cast<double>(alike) / pairs : 0;
-  const auto rank = static_cast<std::ptrdiff_t>(options.quantile * static_cast<double>(lengths.size() - 1));
-  std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
-  rung.displacement = lengths[static_cast<std::size_t>(rank)];
-  return rung;
+  if (speeds.empty()) return {};
+  const auto middle = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() / 2);
+  std::nth_element(speeds.begin(), middle, speeds.end());
+  if (*middle * static_cast<double>(duration_us) < enough_displacement) return {};
+  return {*middle, static_cast<int>(speeds.size())};
 }
 
 }  // namespace
@@ -85,21 +77,29 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
 std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSize size,
                             const AdaptiveWindowOptions& options, ThreadPool& pool) {
   std::vector<Rung> rungs;
+  int tiles = 0;
   for (std::int64_t duration = 3'000; duration <= options.max_duration_us; duration *= 2) {
     const std::size_t end = window_end(events.t, begin, duration);
-    const EventView window = events.slice(begin, end);
-    if (window.size() >= enough_in_window) rungs.push_back(judge(window, duration, size, options, pool));
-    if (end == events.size() || (!rungs.empty() && rungs.back().displacement > 4 * options.displacement))
-      break;
+    const EventView window = events.slice(begin, std::min(end, begin + options.max_events));
+    if (window.size() >= enough_in_window) {
+      rungs.push_back(judge(window, duration, size, options, pool));
+      tiles += rungs.back().tiles;
+    }
+    if (window.size() == options.max_events || end == events.size()) break;
   }
-  double most = 0;
-  for (const Rung& rung : rungs) most = std::max(most, rung.agreement);
-  const Rung* best = nullptr;
+  // Where nothing moves visibly, a window may be as long as it likes.
+  if (tiles == 0) return options.max_duration_us;
+  // False agreements scatter over all speeds, true ones repeat from rung to rung: the weighted median.
+  std::sort(rungs.begin(), rungs.end(), [](const Rung& a, const Rung& b) { return a.speed < b.speed; });
+  int below = 0;
+  double speed = 0;
   for (const Rung& rung : rungs) {
-    if (rung.agreement >= 0.6 * most && rung.displacement < 1.5 * options.displacement) best = &rung;
+    below += rung.tiles;
+    speed = rung.speed;
+    if (2 * below >= tiles) break;
   }
-  if (!best) return rungs.empty() ? options.max_duration_us : rungs.front().duration_us;
-  return next_duration(best->duration_us, best->displacement, options);
+  return std::clamp(static_cast<std::int64_t>(std::llround(options.displacement / speed)),
+                    options.min_duration_us, options.max_duration_us);
 }
 
 std::int64_t next_duration(std::int64_t duration_us, double displacement,

@@ -17,8 +17,10 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
   std::vector<std::int32_t> events(static_cast<std::size_t>(columns * rows) * count, 0);
   for (std::size_t k = 0; k < labels.size(); ++k) {
     if (labels[k] < 0) continue;
-    const int column = std::clamp(static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / tile, 0, columns - 1);
-    const int row = std::clamp(static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / tile, 0, rows - 1);
+    const int column =
+        std::clamp(static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / tile, 0, columns - 1);
+    const int row =
+        std::clamp(static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / tile, 0, rows - 1);
     ++events[static_cast<std::size_t>(row * columns + column) * count + static_cast<std::size_t>(labels[k])];
   }
   struct Moments {
@@ -27,7 +29,8 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
   std::vector<Moments> moments(count);
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
-      const auto first = events.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(row * columns + column) * count);
+      const auto first = events.begin() + static_cast<std::ptrdiff_t>(
+                                              static_cast<std::size_t>(row * columns + column) * count);
       const auto most = std::max_element(first, first + label_count);
       if (label_count == 0 || *most < enough) continue;
       Moments& m = moments[static_cast<std::size_t>(most - first)];
@@ -55,8 +58,8 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
 }
 
 std::int32_t background_label(std::span<const LabelExtent> extents) {
-  // A background is cut up by the objects before it, but what is left of it still lies all around; an object, or
-  // a few of one motion, fills a small part of the view.
+  // A background is cut up by the objects before it, but what is left of it still lies all around; an object,
+  // or a few of one motion, fills a small part of the view.
   constexpr double spans_scene = 0.15;
   constexpr double fills_scene = 0.07;
   std::int32_t best = -1;
@@ -77,7 +80,8 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
   std::vector<std::int32_t> pixel(points.size());  // of the warped event in a padded image, -1 outside
   const Region canvas = canvas_of(plane);
   const int stride = canvas.width + 2;
-  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) * static_cast<std::size_t>(canvas.height + 2));
+  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) *
+                                  static_cast<std::size_t>(canvas.height + 2));
   for (std::size_t l = 0; l < models.size(); ++l) {
     std::fill(votes.begin(), votes.end(), 0);
     std::visit(
@@ -88,8 +92,8 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
             const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
             const float u = at.x - static_cast<float>(canvas.x0) + 0.5f;
             const float v = at.y - static_cast<float>(canvas.y0) + 0.5f;
-            const bool inside =
-                u >= 0 && v >= 0 && u < static_cast<float>(canvas.width) && v < static_cast<float>(canvas.height);
+            const bool inside = u >= 0 && v >= 0 && u < static_cast<float>(canvas.width) &&
+                                v < static_cast<float>(canvas.height);
             pixel[k] = inside ? (static_cast<int>(v) + 1) * stride + static_cast<int>(u) + 1 : -1;
             if (inside) ++votes[static_cast<std::size_t>(pixel[k])];
           }

@@ -62,7 +62,8 @@ double mean_gradient_square(const Image& image) {
   return sum / static_cast<double>(std::max<std::size_t>(1, image.region.area()));
 }
 
-// Value of the measure; where `adjoint` is given, also the derivative of the value by each pixel of the image.
+// Value of the measure; where `adjoint` is given, also the derivative of the value by each pixel of the
+// image.
 double measure_image(const Image& image, ContrastMeasure measure, Image* adjoint) {
   const float scale = 2.0f / static_cast<float>(std::max<std::size_t>(1, image.region.area()));
   if (measure == ContrastMeasure::gradient_magnitude) {
@@ -106,8 +107,9 @@ double contrast(const PointView& points, const MotionModel& model, const WarpFra
   return measure_image(workspace.image, options.measure, nullptr);
 }
 
-ContrastResult contrast_and_gradient(const PointView& points, const MotionModel& model, const WarpFrame& frame,
-                                     Region region, const ContrastOptions& options, ContrastWorkspace& workspace) {
+ContrastResult contrast_and_gradient(const PointView& points, const MotionModel& model,
+                                     const WarpFrame& frame, Region region, const ContrastOptions& options,
+                                     ContrastWorkspace& workspace) {
   const auto taps = gaussian_taps(options.sigma);
   workspace.image.region = region;
   make_iwe(workspace.image, points, model, frame, taps, workspace.blur);

@@ -11,11 +11,13 @@ namespace emseg {
 DataTerm data_term(std::string_view name) {
   if (name == "published") return DataTerm::published;
   if (name == "logarithmic") return DataTerm::logarithmic;
-  throw std::invalid_argument("unknown data term '" + std::string(name) + "', expected published or logarithmic");
+  throw std::invalid_argument("unknown data term '" + std::string(name) +
+                              "', expected published or logarithmic");
 }
 
-void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
-                      std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support) {
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
+                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      ModelSupport& support) {
   const std::size_t n = points.size();
   workspace.x.resize(n);
   workspace.y.resize(n);
@@ -63,13 +65,16 @@ float event_cost(DataTerm term, float sharpness, float reference) {
   return 255.0f * std::log((1.0f + f) / (share + f)) / std::log((1.0f + f) / f);
 }
 
+std::int32_t integer_cost(DataTerm term, float sharpness, double reference, double lambda_data) {
+  const float cost = event_cost(term, sharpness, static_cast<float>(reference));
+  return static_cast<std::int32_t>(std::lround(static_cast<float>(lambda_data) * cost));
+}
+
 void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
                    std::span<std::int32_t> costs) {
   assert(costs.size() == sharpness.size());
-  const auto g_ref = static_cast<float>(reference);
-  const auto lambda = static_cast<float>(lambda_data);
   for (std::size_t k = 0; k < costs.size(); ++k) {
-    costs[k] = static_cast<std::int32_t>(std::lround(lambda * event_cost(term, sharpness[k], g_ref)));
+    costs[k] = integer_cost(term, sharpness[k], reference, lambda_data);
   }
 }
 

@@ -12,9 +12,9 @@ void check_events(const EventView& events, ImageSize size) {
   }
   const std::size_t n = events.t.size();
   if (events.x.size() != n || events.y.size() != n || events.p.size() != n) {
-    throw std::invalid_argument(
-        "event columns have different lengths: x " + std::to_string(events.x.size()) + ", y " +
-        std::to_string(events.y.size()) + ", t " + std::to_string(n) + ", p " + std::to_string(events.p.size()));
+    throw std::invalid_argument("event columns have different lengths: x " + std::to_string(events.x.size()) +
+                                ", y " + std::to_string(events.y.size()) + ", t " + std::to_string(n) +
+                                ", p " + std::to_string(events.p.size()));
   }
   for (std::size_t k = 0; k < n; ++k) {
     if (events.x[k] >= size.width || events.y[k] >= size.height) {

@@ -5,8 +5,8 @@ namespace emseg {
 void make_iwe(Image& image, const PointView& points, const MotionModel& model, const WarpFrame& frame,
               std::span<const float> taps, BlurWorkspace& workspace) {
   image.reset(image.region);
-  std::visit(
-      [&](const auto& m) { vote(image, points, typename std::decay_t<decltype(m)>::Warp(m, frame)); }, model);
+  std::visit([&](const auto& m) { vote(image, points, typename std::decay_t<decltype(m)>::Warp(m, frame)); },
+             model);
   gaussian_blur(image, taps, workspace);
 }
 
@@ -16,7 +16,8 @@ Region image_plane(ImageSize size, const UndistortionTable* table) {
   const auto [top, bottom] = std::minmax_element(table->y.begin(), table->y.end());
   const int x0 = static_cast<int>(std::floor(*left));
   const int y0 = static_cast<int>(std::floor(*top));
-  return {x0, y0, static_cast<int>(std::ceil(*right)) - x0 + 1, static_cast<int>(std::ceil(*bottom)) - y0 + 1};
+  return {x0, y0, static_cast<int>(std::ceil(*right)) - x0 + 1,
+          static_cast<int>(std::ceil(*bottom)) - y0 + 1};
 }
 
 Region bounding_region(std::span<const float> x, std::span<const float> y, int margin, Region limit) {

@@ -41,7 +41,8 @@ std::vector<Region> overlapping_tiles(Region plane, int side) {
   const int step = side / 2;
   for (int y = 0; y + step < plane.height; y += step) {
     for (int x = 0; x + step < plane.width; x += step) {
-      tiles.push_back({plane.x0 + x, plane.y0 + y, std::min(side, plane.width - x), std::min(side, plane.height - y)});
+      tiles.push_back(
+          {plane.x0 + x, plane.y0 + y, std::min(side, plane.width - x), std::min(side, plane.height - y)});
     }
   }
   return tiles;
@@ -60,7 +61,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
                    [](const VelocityScore& a, const VelocityScore& b) { return a.score > b.score; });
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   const double apart = options.same_motion / std::max(1e-9, window);  // px/s
-  std::vector<VelocityScore> kept{{0, 0, 0}};  // no motion is always a candidate
+  std::vector<VelocityScore> kept{{0, 0, 0}};                         // no motion is always a candidate
   for (const VelocityScore& proposal : proposals) {
     if (kept.size() >= options.max_candidates) break;
     if (std::all_of(kept.begin(), kept.end(), [&](const VelocityScore& other) {
@@ -129,7 +130,8 @@ class PoolSearch {
       if (members[a].size() > 0 && !fitted_.contains({chosen[a], members[a].size()})) tasks.push_back({a, a});
       fitted_.insert({chosen[a], members[a].size()});
       for (std::size_t b = 0; b < chosen.size(); ++b) {
-        const bool larger = members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b);
+        const bool larger =
+            members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b);
         if (a == b || !larger || merging_loss(b, a) >= 6 * options_.lambda_label) continue;
         if (paired_.insert({chosen[a], chosen[b]}).second) tasks.push_back({a, b});
       }
@@ -141,9 +143,10 @@ class PoolSearch {
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);
       const MotionModel start = convert_motion(models_[chosen[task.start]], kind, frame_, plane_);
-      models[i] = refine_motion(cluster.view(), start, frame_, fit_region(cluster.view(), start, frame_, plane_),
-                                coarse, contrast_workspaces_[static_cast<std::size_t>(worker)])
-                      .model;
+      models[i] =
+          refine_motion(cluster.view(), start, frame_, fit_region(cluster.view(), start, frame_, plane_),
+                        coarse, contrast_workspaces_[static_cast<std::size_t>(worker)])
+              .model;
     });
     return models;
   }
@@ -152,7 +155,8 @@ class PoolSearch {
 
   // Whether a candidate added after the first `count` was chosen.
   bool chosen_since(std::size_t count) const {
-    return std::any_of(selection_.chosen.begin(), selection_.chosen.end(), [&](std::size_t m) { return m >= count; });
+    return std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
+                       [&](std::size_t m) { return m >= count; });
   }
 
   std::vector<MotionModel> chosen_models() const {
@@ -205,7 +209,8 @@ class PoolSearch {
   std::vector<ModelSupport> supports_;
   std::vector<std::vector<float>> costs_;  // per model, per block
   Selection selection_;
-  std::set<std::pair<std::size_t, std::size_t>> fitted_;  // candidates refitted, with the number of their events
+  std::set<std::pair<std::size_t, std::size_t>>
+      fitted_;  // candidates refitted, with the number of their events
   std::set<std::pair<std::size_t, std::size_t>> paired_;  // pairs of candidates fitted together
 };
 

@@ -38,7 +38,7 @@ Rotation::Warp::Warp(const Rotation& model, const WarpFrame& frame)
       px(static_cast<float>(frame.px)),
       py(static_cast<float>(frame.py)) {}
 
-std::array<float, 3> Rotation::Warp::rotate(float x, float y, float dt) const {
+std::array<float, 3> Rotation::Warp::turn(float x, float y, float dt) const {
   // Rodrigues about the unit axis a by -|w| dt; 1 - cos is taken from the half angle to keep its digits.
   const float angle = -speed * dt;
   const float sine = std::sin(angle);
@@ -51,12 +51,14 @@ std::array<float, 3> Rotation::Warp::rotate(float x, float y, float dt) const {
   const float cross_z = ax * by - ay * bx;
   const float along = ax * bx + ay * by + az;
   // a x (a x b) = a (a.b) - b
-  return {bx + sine * cross_x + versine * (ax * along - bx),
-          by + sine * cross_y + versine * (ay * along - by), 1 + sine * cross_z + versine * (az * along - 1)};
+  return {sine * cross_x + versine * (ax * along - bx), sine * cross_y + versine * (ay * along - by),
+          sine * cross_z + versine * (az * along - 1)};
 }
 
 WarpJacobian<3> Rotation::Warp::jacobian(float x, float y, float dt) const {
-  const auto f = rotate(x, y, dt);
+  const auto d = turn(x, y, dt);
+  const std::array<float, 3> f{(x - px) / fx + d[0], (y - py) / fy + d[1], 1 + d[2]};
+  if (!(f[2] > 0)) return {};
   // d exp([phi]x) b = -[f']x J_l(phi) dphi with phi = -dt w, hence df'/dw = dt [f']x J_l(phi).
   const float angle = -speed * dt;
   float sinc = 1, rest = 0, cosc = 0;  // sin a / a, 1 - sin a / a, (1 - cos a) / a

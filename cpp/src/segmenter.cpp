@@ -1,208 +1,16 @@
 #include "emseg/segmenter.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
 
+#include "emseg/alternation.hpp"
 #include "emseg/background.hpp"
 #include "emseg/window.hpp"
 
 namespace emseg {
 namespace {
-
-class StageClock {
- public:
-  explicit StageClock(std::vector<std::pair<std::string, double>>& timings) : timings_(timings) {}
-
-  // Adds the time since the last call, or since construction, to a stage.
-  void lap(const std::string& stage) {
-    const auto now = std::chrono::steady_clock::now();
-    const double seconds = std::chrono::duration<double>(now - last_).count();
-    last_ = now;
-    for (auto& [name, total] : timings_) {
-      if (name == stage) {
-        total += seconds;
-        return;
-      }
-    }
-    timings_.emplace_back(stage, seconds);
-  }
-
- private:
-  std::vector<std::pair<std::string, double>>& timings_;
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
-
-// What stays the same while labels and models alternate.
-struct Problem {
-  const PointView& points;
-  const EventGraph& graph;
-  const WarpFrame& frame;
-  Region plane;
-  const SegmenterOptions& options;
-  std::int32_t smooth_cost;
-  std::int64_t label_cost;
-  RefineOptions refine;
-};
-
-// Labels and models with their energy
-//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + lambda_M |{labels used}|.
-// Every step keeps what it changed only if E did not rise.
-class Alternation {
- public:
-  Alternation(const Problem& problem, std::vector<MotionModel> models, ThreadPool& pool,
-              ExpansionWorkspace& expansion_workspace, StageClock& clock)
-      : problem_(problem),
-        models_(std::move(models)),
-        label_costs_(models_.size(), problem.label_cost),
-        pool_(pool),
-        expansion_workspace_(expansion_workspace),
-        clock_(clock),
-        taps_(gaussian_taps(problem.options.sigma)),
-        support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
-        contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {
-    std::vector<ModelSupport> supports(models_.size());
-    pool_.for_each(models_.size(),
-                   [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports[m]); });
-    std::vector<const ModelSupport*> pointers;
-    for (const ModelSupport& support : supports) pointers.push_back(&support);
-    reference_ = reference_sharpness(problem_.options.data_term, pointers);
-    costs_.resize(models_.size());
-    pool_.for_each(models_.size(), [&](std::size_t m, int) { costs_[m] = costs_of(supports[m]); });
-    clock_.lap("data_term");
-  }
-
-  // Labels given models: alpha-expansion.
-  void label() {
-    const std::vector<std::int32_t> unary = interleaved_costs();
-    const LabelingProblem problem = labeling(unary);
-    ExpansionOptions options;
-    options.max_sweeps = problem_.options.num_iter_labeling;
-    ExpansionResult result = expansion(problem, labels_, options, expansion_workspace_);
-    labels_ = std::move(result.labels);
-    energy_ = result.energy;
-    trace_.push_back(energy_);
-    clock_.lap("labels");
-  }
-
-  // Models given labels: every used model is refitted on its own events, as each kind on offer; the refit
-  // that costs its events least takes the model's place.  True if one did.
-  bool refit() {
-    std::vector<Points> members(models_.size());
-    std::vector<std::int64_t> current(models_.size(), 0);
-    for (std::size_t k = 0; k < labels_.size(); ++k) {
-      const auto l = static_cast<std::size_t>(labels_[k]);
-      members[l].push_back(problem_.points, k);
-      current[l] += costs_[l][k];
-    }
-    struct Refit {
-      std::size_t label;
-      MotionKind kind;
-      MotionModel model;
-      std::vector<std::int32_t> costs;
-      std::int64_t total = 0;
-    };
-    std::vector<Refit> refits;
-    for (std::size_t l = 0; l < models_.size(); ++l) {
-      if (members[l].size() == 0) continue;
-      for (const MotionKind kind : problem_.options.kinds) refits.push_back({l, kind, {}, {}, 0});
-    }
-    pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
-      Refit& refit = refits[i];
-      const PointView own = members[refit.label].view();
-      const MotionModel start =
-          convert_motion(models_[refit.label], refit.kind, problem_.frame, problem_.plane);
-      const Region region = fit_region(own, start, problem_.frame, problem_.plane);
-      refit.model = refine_motion(own, start, problem_.frame, region, problem_.refine,
-                                  contrast_workspaces_[static_cast<std::size_t>(worker)])
-                        .model;
-      ModelSupport support;
-      evaluate(refit.model, worker, support);
-      refit.costs = costs_of(support);
-      for (std::size_t k = 0; k < labels_.size(); ++k) {
-        if (labels_[k] == static_cast<std::int32_t>(refit.label)) refit.total += refit.costs[k];
-      }
-    });
-    bool improved = false;
-    for (Refit& refit : refits) {
-      if (refit.total >= current[refit.label]) continue;
-      energy_ -= current[refit.label] - refit.total;
-      current[refit.label] = refit.total;
-      models_[refit.label] = refit.model;
-      costs_[refit.label] = std::move(refit.costs);
-      improved = true;
-    }
-    if (improved) trace_.push_back(energy_);
-    clock_.lap("refit");
-    return improved;
-  }
-
-  // One more model, free of label cost.  The labels must be found again.
-  void add_free_model(const MotionModel& model) {
-    ModelSupport support;
-    evaluate(model, 0, support);
-    models_.push_back(model);
-    costs_.push_back(costs_of(support));
-    label_costs_.push_back(0);
-  }
-
-  const std::vector<MotionModel>& models() const { return models_; }
-  const std::vector<std::int32_t>& labels() const { return labels_; }
-  std::int64_t energy() const { return energy_; }
-  const std::vector<std::int64_t>& trace() const { return trace_; }
-  double reference() const { return reference_; }
-
- private:
-  void evaluate(const MotionModel& model, int worker, ModelSupport& support) {
-    evaluate_support(problem_.points, model, problem_.frame, canvas_of(problem_.plane), taps_,
-                     support_workspaces_[static_cast<std::size_t>(worker)], support);
-  }
-
-  std::vector<std::int32_t> costs_of(const ModelSupport& support) const {
-    std::vector<std::int32_t> costs(support.sharpness.size());
-    integer_costs(problem_.options.data_term, support.sharpness, reference_, problem_.options.lambda_data,
-                  costs);
-    return costs;
-  }
-
-  std::vector<std::int32_t> interleaved_costs() const {
-    const std::size_t n = problem_.points.size();
-    const std::size_t labels = models_.size();
-    std::vector<std::int32_t> unary(n * labels);
-    for (std::size_t m = 0; m < labels; ++m) {
-      for (std::size_t k = 0; k < n; ++k) unary[k * labels + m] = costs_[m][k];
-    }
-    return unary;
-  }
-
-  LabelingProblem labeling(std::span<const std::int32_t> unary) const {
-    LabelingProblem problem;
-    problem.label_count = static_cast<std::int32_t>(models_.size());
-    problem.unary = unary;
-    problem.indptr = problem_.graph.indptr;
-    problem.indices = problem_.graph.indices;
-    problem.weight = {&problem_.smooth_cost, 1};
-    problem.label_cost = label_costs_;
-    return problem;
-  }
-
-  const Problem& problem_;
-  std::vector<MotionModel> models_;
-  std::vector<std::int64_t> label_costs_;
-  ThreadPool& pool_;
-  ExpansionWorkspace& expansion_workspace_;
-  StageClock& clock_;
-  std::vector<float> taps_;
-  std::vector<SupportWorkspace> support_workspaces_;
-  std::vector<ContrastWorkspace> contrast_workspaces_;
-  double reference_ = 0;
-  std::vector<std::vector<std::int32_t>> costs_;  // per model, per event
-  std::vector<std::int32_t> labels_;
-  std::int64_t energy_ = 0;
-  std::vector<std::int64_t> trace_;
-};
 
 // Puts the background first and the objects after it, most events first; labels nobody uses go, the
 // background stays.
@@ -336,22 +144,19 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   clock.lap("model_pool");
 
   // Labels and models in turn, until the energy stops falling.
-  const Problem problem{points,
-                        graph,
-                        frame_,
-                        plane_,
-                        options_,
-                        rounded_cost(options_.lambda_smooth, "lambda_smooth"),
-                        std::llround(label_cost),
-                        refine};
-  Alternation alternation(problem, models, pool_, expansion_workspace_, clock);
-  alternation.label();
-  for (int iteration = 0; iteration < options_.num_iter_segmentation; ++iteration) {
-    const std::int64_t before = alternation.energy();
-    if (!alternation.refit()) break;
-    alternation.label();
-    if (alternation.energy() >= before) break;
-  }
+  AlternationOptions alternation_options;
+  alternation_options.term = options_.data_term;
+  alternation_options.lambda_data = options_.lambda_data;
+  alternation_options.smooth_cost = rounded_cost(options_.lambda_smooth, "lambda_smooth");
+  alternation_options.label_cost = std::llround(label_cost);
+  alternation_options.kinds = options_.kinds;
+  alternation_options.refine = refine;
+  alternation_options.sigma = options_.sigma;
+  alternation_options.iterations = options_.num_iter_segmentation;
+  alternation_options.sweeps = options_.num_iter_labeling;
+  Alternation alternation(points, graph, frame_, plane_, std::move(models), alternation_options, pool_,
+                          expansion_workspace_, clock);
+  alternation.run();
 
   // Background, noise, and the order of the labels.
   const auto extents = label_extents(points, alternation.labels(),
@@ -360,7 +165,6 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   if (background < 0) {
     background = static_cast<std::int32_t>(alternation.models().size());
     alternation.add_free_model(Translation{});
-    alternation.label();
   }
   order_labels(background, alternation.models(), alternation.labels(), result);
   if (options_.mark_noise) {
@@ -417,8 +221,7 @@ double Segmenter::typical_displacement(const PointView& points, const Segmentati
         result.models[l]);
   }
   if (lengths.empty()) return 0;
-  const auto rank =
-      static_cast<std::ptrdiff_t>(window_options_.quantile * static_cast<double>(lengths.size() - 1));
+  const auto rank = static_cast<std::ptrdiff_t>(0.5 * static_cast<double>(lengths.size() - 1));
   std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
   return lengths[static_cast<std::size_t>(rank)];
 }

@@ -27,6 +27,7 @@ __all__: list[str] = [
     "iwe",
     "labeling_energy",
     "max_flow",
+    "sweep_velocities",
     "version",
     "warp",
     "windows_by_count",
@@ -96,7 +97,9 @@ class Camera:
     def undistort_pixel(
         self, x: typing.SupportsFloat | typing.SupportsIndex, y: typing.SupportsFloat | typing.SupportsIndex
     ) -> tuple[float, float]: ...
-    def undistortion_table(self) -> tuple:
+    def undistortion_table(
+        self,
+    ) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
         """
         Undistorted x and y of every pixel, two float32 arrays (height, width).
         """
@@ -177,7 +180,7 @@ class Segmenter:
         width: typing.SupportsInt | typing.SupportsIndex,
         height: typing.SupportsInt | typing.SupportsIndex,
         options: SegmenterOptions,
-        camera: Camera = None,
+        camera: Camera | None = None,
     ) -> None: ...
     def segment(
         self,
@@ -254,7 +257,7 @@ def event_graph(
     p: numpy.typing.NDArray[numpy.uint8],
     width: typing.SupportsInt | typing.SupportsIndex,
     height: typing.SupportsInt | typing.SupportsIndex,
-) -> tuple:
+) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int32]]:
     """
     Space-time graph in compressed rows: indptr int64 (n + 1,), indices int32 (edges,), each edge once.
     """
@@ -364,6 +367,23 @@ def max_flow(
 ) -> tuple[int, numpy.typing.NDArray[numpy.uint8]]:
     """
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
+    """
+
+def sweep_velocities(
+    x: numpy.typing.NDArray[numpy.float32],
+    y: numpy.typing.NDArray[numpy.float32],
+    dt: numpy.typing.NDArray[numpy.float32],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    regions: collections.abc.Sequence[
+        typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(4)"]
+    ],
+    max_speed: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> list[list[typing.Annotated[list[float], "FixedSize(3)"]]]:
+    """
+    Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.
     """
 
 def warp(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -132,7 +133,8 @@ def expansion(
     """
     problem, exponent = _problem(unary, indptr, indices, weight, label_cost)
     initial = np.zeros(0, np.int32) if init is None else _labels("init", init, len(problem[2]) - 1)
-    labels, energy, _ = _core.expansion(*problem, initial, min(max_sweeps, _INT32_MAX))
+    solve: Callable[..., Any] = _core.expansion  # 32 or 64 bits, by the type of the costs
+    labels, energy, _ = solve(*problem, initial, min(max_sweeps, _INT32_MAX))
     return labels, _in_units(energy, exponent)
 
 
@@ -146,7 +148,8 @@ def labeling_energy(
 ) -> int | float:
     """Energy of (n,) ``labels``; the other arguments, the type and the errors are :func:`expansion`'s."""
     problem, exponent = _problem(unary, indptr, indices, weight, label_cost)
-    energy: int = _core.labeling_energy(*problem, _labels("labels", labels, len(problem[2]) - 1))
+    evaluate: Callable[..., int] = _core.labeling_energy
+    energy = evaluate(*problem, _labels("labels", labels, len(problem[2]) - 1))
     return _in_units(energy, exponent)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, get_args
+from functools import lru_cache
+from typing import Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +38,8 @@ class MotionModel:
     homography   affine's, g h (1/s)     x' = x - dt (v + A (x - c) + (x - c) (g, h)·(x - c)/f0)
     ===========  ======================  ==========================================================
 
-    f0 = max(width, height).  Positions are undistorted where a camera is given.
+    f0 = max(width, height).  Positions are undistorted where a camera is given.  A rotation's w is the
+    angular velocity of the scene about the camera; that of a camera turning before a still scene is -w.
 
     Attributes:
         kind: One of the names above.
@@ -53,10 +55,14 @@ class MotionModel:
     label: int | None = None
 
     def __init__(
-        self, kind: MotionKind, params: Sequence[float] | npt.ArrayLike | None = None, label: int | None = None
+        self,
+        kind: MotionKind,
+        params: Sequence[float] | npt.ArrayLike | None = None,
+        label: int | None = None,
     ) -> None:
         if kind not in _DOF:
-            raise ValueError(f"unknown motion model {kind!r}, expected one of {', '.join(get_args(MotionKind))}")
+            known = ", ".join(get_args(MotionKind))
+            raise ValueError(f"unknown motion model {kind!r}, expected one of {known}")
         values = np.zeros(_DOF[kind]) if params is None else np.array(params, dtype=np.float64)
         if values.shape != (_DOF[kind],):
             raise ValueError(f"a {kind} has {_DOF[kind]} parameters, got an array of shape {values.shape}")
@@ -70,7 +76,9 @@ class MotionModel:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, MotionModel):
             return NotImplemented
-        return (self.kind, self.label) == (other.kind, other.label) and np.array_equal(self.params, other.params)
+        return (self.kind, self.label) == (other.kind, other.label) and np.array_equal(
+            self.params, other.params
+        )
 
     def __hash__(self) -> int:
         return hash((self.kind, self.label, self.params.tobytes()))
@@ -107,8 +115,13 @@ def points(
     dt = ((events.t - t_ref) * 1e-6).astype(np.float32)
     if camera is None:
         return events.x.astype(np.float32), events.y.astype(np.float32), dt
-    table_x, table_y = camera.undistortion_table()
+    table_x, table_y = _undistortion_table(camera)
     return table_x[events.y, events.x], table_y[events.y, events.x], dt
+
+
+@lru_cache(maxsize=4)
+def _undistortion_table(camera: Camera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    return camera.undistortion_table()
 
 
 def warp(
@@ -201,11 +214,26 @@ def fit_motion(
     Source: Gallego, Rebecq, Scaramuzza, "A Unifying Contrast Maximization Framework", CVPR 2018.
     """
     frame = warp_frame(events, camera)
-    for name, bound in (("max_speed", max_speed), ("max_scale_rate", max_scale_rate), ("max_angle_rate", max_angle_rate)):
+    bounds = {"max_speed": max_speed, "max_scale_rate": max_scale_rate, "max_angle_rate": max_angle_rate}
+    for name, bound in bounds.items():
         if not 0 <= bound < np.inf or (name == "max_speed" and bound == 0):
             raise ValueError(f"{name} is {bound}, expected a finite number above 0")
     MotionModel(kind)
     x, y, dt = points(events, middle_time(events) if t_ref is None else int(t_ref), camera)
-    settings: tuple[Any, ...] = (float(sigma), measure, max_speed, max_scale_rate, max_angle_rate, threads)
-    params, contrast, _ = _core.fit_motion(x, y, dt, events.p, kind, frame, events.width, events.height, *settings)
+    params, contrast, _ = _core.fit_motion(
+        x,
+        y,
+        dt,
+        events.p,
+        kind,
+        frame,
+        events.width,
+        events.height,
+        sigma=float(sigma),
+        measure=measure,
+        max_speed=max_speed,
+        max_scale_rate=max_scale_rate,
+        max_angle_rate=max_angle_rate,
+        threads=threads,
+    )
     return MotionModel(kind, params), contrast

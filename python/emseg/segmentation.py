@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, Final
@@ -31,6 +32,9 @@ _KINDS: Final[dict[str, list[str]]] = {
     "homography": ["homography"],
     "auto": ["translation", "similarity", "affine"],
 }
+
+# Windows in a row whose length follows from the motions found in the last one.
+_WINDOWS_ON_TRUST: Final = 8
 
 
 def engine_options(config: Config) -> _core.SegmenterOptions:
@@ -145,15 +149,21 @@ class Segmentation:
 
     @cached_property
     def boxes(self) -> npt.NDArray[Any]:
-        """Boxes of the moving labels at t_ref: structured array (track, x, y, w, h), px, by track."""
+        """Boxes of the moving labels at t_ref on the sensor: array of (track, x, y, w, h), px, by track."""
         rows = []
         for model in self.models:
             if model.label is None or model.label <= 0:
                 continue
             own = self.events_of(model.label)
             if len(own):
-                rows.append((model.label, *bounding_box(warp(own, model, self.t_ref))))
+                rows.append((model.label, *bounding_box(self._on_sensor(own, model))))
         return np.array(sorted(rows), dtype=BOX_DTYPE)
+
+    def _on_sensor(self, own: EventArray, model: MotionModel) -> npt.NDArray[np.float32]:
+        """Places of events at t_ref as the lens shows them, but for the distortion's change on the way."""
+        still = MotionModel("translation")
+        moved, place = (warp(own, m, self.t_ref, camera=self.camera) for m in (model, still))
+        return np.column_stack([own.x, own.y]).astype(np.float32) + (moved - place)
 
 
 class Segmenter:
@@ -200,7 +210,8 @@ class Segmenter:
         """
         if (events.width, events.height) != (self.width, self.height):
             raise ValueError(
-                f"the events' sensor is {events.width}x{events.height}, the segmenter's {self.width}x{self.height}"
+                f"the events' sensor is {events.width}x{events.height}, "
+                f"the segmenter's {self.width}x{self.height}"
             )
         found = self._engine.segment(
             events.x,
@@ -261,19 +272,23 @@ class Segmenter:
         fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
         intervals = self.windows(events) if fixed else None
         start = 0
-        while True:
+        for count in itertools.count():
             if intervals is not None:
                 interval = next(intervals, None)
                 if interval is None:
                     return
                 start, stop = interval
             elif start < len(events):
-                stop = self._adaptive_stop(events, start, last)
+                # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
+                known = last if count % _WINDOWS_ON_TRUST else None
+                stop = self._adaptive_stop(events, start, known)
             else:
                 return
             found = self.segment(events[start:stop], candidates=last.models if last else ())
             last = found
-            labels, models = tracker.assign(found.events, found.labels, found.models, found.t_ref, self.camera)
+            labels, models = tracker.assign(
+                found.events, found.labels, found.models, found.t_ref, self.camera
+            )
             yield Segmentation(
                 found.events,
                 labels,

@@ -50,7 +50,8 @@ def split_apart(positions: npt.NDArray[np.float32], gap: int) -> npt.NDArray[np.
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     rank[sizes < min(max(30, sizes.max() / 25), sizes.max())] = -1
-    return rank[part]
+    parts: npt.NDArray[np.intp] = rank[part]
+    return parts
 
 
 @dataclass
@@ -136,7 +137,7 @@ class Tracker:
         return renamed, kept
 
     def _match(self, boxes: list[Box], t_ref: int) -> list[int]:
-        """Numbers of the boxes: a track's where its predicted box overlaps, each track once; else new ones."""
+        """Numbers of the boxes: that of the track whose predicted box overlaps, each once; else new ones."""
         from scipy.optimize import linear_sum_assignment
 
         numbers = [0] * len(boxes)
@@ -161,4 +162,5 @@ class Tracker:
         columns: dict[str, Any] = {"width": self._size[0], "height": self._size[1]}
         centre = EventArray([x, x], [y, y], [0, 1000], [0, 0], **columns)
         at, moved = warp(centre, model, 0, camera=camera).astype(np.float64)
-        return (at - moved) * 1e3
+        velocity: npt.NDArray[np.float64] = (at - moved) * 1e3
+        return velocity

@@ -8,19 +8,18 @@
 namespace emseg {
 
 struct AdaptiveWindowOptions {
-  double displacement = 10;  // px that the quantile of motions moves within a window
-  double quantile = 0.75;
+  double displacement = 10;  // px that most of the scene moves within a window
   std::int64_t min_duration_us = 1'000;
   std::int64_t max_duration_us = 200'000;
   std::size_t max_events = 500'000;  // of a window
   double max_speed = 5000;           // px/s
 };
 
-// Duration of the window that begins with event `begin`, judged from the events that follow it.  Durations
-// are tried on a ladder of doublings: with too little motion in a window neighbouring tiles do not agree on a
-// velocity, with too much they no longer move uniformly; the longest on which tiles still agree is taken, and
-// scaled to the wanted displacement. Throws std::invalid_argument where an event that is looked at is not
-// valid (see check_events).
+// Duration of the window that begins with event `begin`, judged from the events that follow it.  The
+// velocities of tiles are measured over a ladder of doubling durations.  Over too short a time they are
+// accidents, over too long a time they are not uniform; those of tiles that agree with their neighbours, and
+// that repeat from rung to rung, are the scene's.  Throws std::invalid_argument where an event that is looked
+// at is not valid (see check_events).
 std::int64_t judge_duration(const EventView& events, std::size_t begin, ImageSize size,
                             const AdaptiveWindowOptions& options, ThreadPool& pool);
 

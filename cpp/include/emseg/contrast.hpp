@@ -36,11 +36,13 @@ struct ContrastWorkspace {
 };
 
 // Contrast of the points' IWE over `region`.
-// The gradient is exact for the bilinear vote: with H = G*I, d value/d theta = sum_k grad J(x'_k) · dx'_k/dtheta,
-// where J = G*(d value/dH) is interpolated bilinearly (Gallego et al., CVPR 2018, with the adjoint of the blur).
+// The gradient is exact for the bilinear vote: with H = G*I, d value/d theta = sum_k grad J(x'_k) ·
+// dx'_k/dtheta, where J = G*(d value/dH) is interpolated bilinearly (Gallego et al., CVPR 2018, with the
+// adjoint of the blur).
 double contrast(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region region,
                 const ContrastOptions& options, ContrastWorkspace& workspace);
-ContrastResult contrast_and_gradient(const PointView& points, const MotionModel& model, const WarpFrame& frame,
-                                     Region region, const ContrastOptions& options, ContrastWorkspace& workspace);
+ContrastResult contrast_and_gradient(const PointView& points, const MotionModel& model,
+                                     const WarpFrame& frame, Region region, const ContrastOptions& options,
+                                     ContrastWorkspace& workspace);
 
 }  // namespace emseg

@@ -13,8 +13,9 @@ namespace emseg {
 // With g = min(1, G / G_ref):
 enum class DataTerm {
   published,    // 255 (1 - g), G_ref the largest pixel of any model's image
-  logarithmic,  // 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, G_ref the 95 % quantile over the events of
-                // the best G that any model gives them: a log-likelihood ratio, and one hot pixel moves nothing
+  logarithmic,  // 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, G_ref the 95 % quantile over the
+                // events of the best G that any model gives them: a log-likelihood ratio, and one hot pixel
+                // moves nothing
 };
 
 // Throws std::invalid_argument that lists the known names.
@@ -33,8 +34,9 @@ struct SupportWorkspace {
 };
 
 // The image covers all warped events within `canvas`.
-void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
-                      std::span<const float> taps, SupportWorkspace& workspace, ModelSupport& support);
+void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
+                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      ModelSupport& support);
 
 // G_ref of a set of models.
 double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports);
@@ -42,7 +44,10 @@ double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> s
 // Cost of sharpness G, 0..255; what is sharper than the reference costs nothing.
 float event_cost(DataTerm term, float sharpness, float reference);
 
-// Costs of all events, lambda_data times, rounded: the integers that the energy is made of.
+// The cost lambda_data times, rounded: the integers that the energy is made of.
+std::int32_t integer_cost(DataTerm term, float sharpness, double reference, double lambda_data);
+
+// Of all events.
 void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
                    std::span<std::int32_t> costs);
 

@@ -39,7 +39,8 @@ using PixelEdge = std::pair<std::int32_t, std::int32_t>;
 // apart than that.
 std::vector<PixelEdge> delaunay_edges(std::span<const Pixel> pixels);
 
-// The same by CGAL, several times slower: the oracle.  Cocircular pixels may be triangulated differently.
+// The same by CGAL, several times slower: the oracle.  Cocircular pixels may be triangulated differently,
+// from ours and from one call to the next.
 std::vector<PixelEdge> delaunay_edges_cgal(std::span<const Pixel> pixels);
 
 // Builds the graph: active pixels are triangulated; each event is joined to its predecessor and successor at

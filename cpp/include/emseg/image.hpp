@@ -8,7 +8,8 @@
 
 namespace emseg {
 
-// A rectangle of whole pixels: columns x0 .. x0+width-1, rows y0 .. y0+height-1.  It may reach beyond the sensor.
+// A rectangle of whole pixels: columns x0 .. x0+width-1, rows y0 .. y0+height-1.  It may reach beyond the
+// sensor.
 struct Region {
   int x0 = 0;
   int y0 = 0;
@@ -38,7 +39,9 @@ struct Image {
     pixels.assign(covered.area(), 0.0f);
   }
 
-  float* row(int y) { return pixels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width); }
+  float* row(int y) {
+    return pixels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width);
+  }
   const float* row(int y) const {
     return pixels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width);
   }
@@ -50,7 +53,8 @@ std::vector<float> gaussian_taps(double sigma);
 
 // Scratch of gaussian_blur.
 struct BlurWorkspace {
-  std::vector<float> rows;
+  std::vector<float> rows;    // the image after the first pass
+  std::vector<float> padded;  // one row with zeros on either side
 };
 
 // Separable Gaussian blur in place, zero outside the image.  The operator is its own adjoint.

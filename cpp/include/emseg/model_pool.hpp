@@ -9,31 +9,31 @@
 namespace emseg {
 
 struct PoolOptions {
-  int bracket_row = 6;                                        // h = 1..bracket_row sub-volumes down the image
-  int bracket_col = 6;                                        // and as many across
-  std::vector<MotionKind> kinds{MotionKind::similarity};      // kinds that a label may have
+  int bracket_row = 6;                                    // h = 1..bracket_row sub-volumes down the image
+  int bracket_col = 6;                                    // and as many across
+  std::vector<MotionKind> kinds{MotionKind::similarity};  // kinds that a label may have
   SweepOptions sweep;
   RefineOptions refine;
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
   double lambda_label = 8000;
-  double sigma = 1;             // blur of the data term's images, px
-  int block = 8;                // side of the blocks that models are chosen over, px
-  int tile = 64;                // side of the smallest sub-volumes, which overlap by half, px
-  double same_motion = 2.5;     // velocities closer than this, px over the window, count as one
+  double sigma = 1;          // blur of the data term's images, px
+  int block = 8;             // side of the blocks that models are chosen over, px
+  int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
+  double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
-  int max_rounds = 4;           // of refitting and choosing again
+  int max_rounds = 4;                   // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
 };
 
-// Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it each way),
-// the remainder of the division in the last row and column.
+// Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it
+// each way), the remainder of the division in the last row and column.
 std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 
-// The motions that together explain the window's events for the least cost: data cost plus lambda_label a model.
-// The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over blocks of the image chooses
-// among them; the chosen are refitted, alone and in pairs, on the events of their blocks and chosen again.
-// Never empty.  Deterministic for any number of threads.
+// The motions that together explain the window's events for the least cost: data cost plus lambda_label a
+// model. The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over
+// blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the events of their
+// blocks and chosen again. Never empty.  Deterministic for any number of threads.
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool);

@@ -23,8 +23,8 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block);
 
 // Cost of explaining each block's events by one model, with half of each neighbour's added: what is next to
 // a motion tends to share it, as the Potts term will say later.
-std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term, double reference,
-                               double lambda_data);
+std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term,
+                               double reference, double lambda_data);
 
 struct Selection {
   std::vector<std::size_t> chosen;     // candidates, in the order of their choice
@@ -32,8 +32,8 @@ struct Selection {
   double cost = 0;
 };
 
-// Minimises sum_b min_{m chosen} costs[m][b] + label_cost |chosen| by adding, dropping and swapping candidates as long as
-// that pays.  At least one is chosen.
+// Minimises sum_b min_{m chosen} costs[m][b] + label_cost |chosen| by adding, dropping and swapping
+// candidates as long as that pays.  At least one is chosen.
 Selection select_models(const std::vector<std::vector<float>>& costs, double label_cost);
 
 }  // namespace emseg

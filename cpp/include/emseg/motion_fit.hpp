@@ -10,9 +10,9 @@ namespace emseg {
 // Largest parameters that a fit may reach.  Rates beyond these squeeze events together (event collapse, Shiba
 // et al. 2022) rather than explain them.
 struct MotionBounds {
-  double speed = 5000;       // |vx|, |vy|, px/s (Affine_trans2d_max)
-  double scale_rate = 0.5;   // |s|, 1/s (Affine_scale_max)
-  double angle_rate = 1.5;   // |theta|, rad/s (Affine_theta_max)
+  double speed = 5000;      // |vx|, |vy|, px/s (Affine_trans2d_max)
+  double scale_rate = 0.5;  // |s|, 1/s (Affine_scale_max)
+  double angle_rate = 1.5;  // |theta|, rad/s (Affine_theta_max)
 
   // Of affine and homography coefficients; a matrix entry can hold a scale or a turn.
   double linear_rate() const { return std::max(scale_rate, angle_rate); }
@@ -24,7 +24,7 @@ struct RefineOptions {
   ContrastOptions contrast;
   MotionBounds bounds;
   int max_iterations = 30;
-  double tolerance = 0.01;   // stops when a step moves the points less than this, px root mean square
+  double tolerance = 0.01;  // stops when a step moves the points less than this, px root mean square
 };
 
 struct FitResult {
@@ -33,10 +33,10 @@ struct FitResult {
   int evaluations = 0;
 };
 
-// Climbs from `start` by BFGS with a backtracking line search, in units of 1 px of root-mean-square displacement a
-// parameter, and returns the best model it met.
-FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region region,
-                        const RefineOptions& options, ContrastWorkspace& workspace);
+// Climbs from `start` by BFGS with a backtracking line search, in units of 1 px of root-mean-square
+// displacement a parameter, and returns the best model it met.
+FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame,
+                        Region region, const RefineOptions& options, ContrastWorkspace& workspace);
 
 struct FitOptions {
   RefineOptions refine;

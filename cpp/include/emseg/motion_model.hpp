@@ -1,8 +1,8 @@
 // Parametric motion models: where an event at (x, y), dt seconds after t_ref, lies at t_ref.
 //
-// A new model is one struct: `dof`, `name`, `params`, and a `Warp` that is bound to a frame once and then called
-// per event, with and without derivatives.  MotionModel is the variant of them all; std::visit dispatches
-// once, outside the loop over events.  With c the image centre and v in px/s:
+// A new model is one struct: `dof`, `name`, `params`, and a `Warp` that is bound to a frame once and then
+// called per event, with and without derivatives.  MotionModel is the variant of them all; std::visit
+// dispatches once, outside the loop over events.  With c the image centre and v in px/s:
 //
 //   translation   x' = x - dt v                                                       2 parameters
 //   rotation      f' = exp(-dt [w]x) f,  f = K^-1 (x, y, 1),  x' = K f' / f'_z         3
@@ -14,6 +14,7 @@
 #include <array>
 #include <cmath>
 #include <concepts>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <variant>
@@ -27,9 +28,9 @@ namespace emseg {
 
 // What warps are relative to; one per sensor.
 struct WarpFrame {
-  double cx = 0, cy = 0;          // image centre, px: fixed point of scale, rotation and shear
-  double f0 = 1;                  // length that normalises the projective terms, px
-  double fx = 1, fy = 1;          // intrinsics of the rotation's bearing vectors, px
+  double cx = 0, cy = 0;  // image centre, px: fixed point of scale, rotation and shear
+  double f0 = 1;          // length that normalises the projective terms, px
+  double fx = 1, fy = 1;  // intrinsics of the rotation's bearing vectors, px
   double px = 0, py = 0;
 };
 
@@ -85,14 +86,19 @@ struct Rotation {
     float ax, ay, az;         // unit axis
     float fx, fy, px, py;
     Warp(const Rotation& model, const WarpFrame& frame);
+    // Infinitely far where the point turns behind the camera.
     Vec2f operator()(float x, float y, float dt) const {
-      const auto f = rotate(x, y, dt);
-      return {fx * f[0] / f[2] + px, fy * f[1] / f[2] + py};
+      // x' - x, not x': small numbers keep their digits.
+      const auto d = turn(x, y, dt);
+      const float depth = 1 + d[2];
+      if (!(depth > 0))
+        return {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
+      return {x + (fx * d[0] - (x - px) * d[2]) / depth, y + (fy * d[1] - (y - py) * d[2]) / depth};
     }
     WarpJacobian<dof> jacobian(float x, float y, float dt) const;
 
    private:
-    std::array<float, 3> rotate(float x, float y, float dt) const;
+    std::array<float, 3> turn(float x, float y, float dt) const;  // f' - f
   };
 };
 
@@ -110,7 +116,8 @@ struct Similarity {
       const float ry = y - cy;
       const float turned_x = cos_theta * rx - sin_theta * ry;
       const float turned_y = sin_theta * rx + cos_theta * ry;
-      return {{-dt, 0, -dt * turned_x, dt * gain * turned_y}, {0, -dt, -dt * turned_y, -dt * gain * turned_x}};
+      return {{-dt, 0, -dt * turned_x, dt * gain * turned_y},
+              {0, -dt, -dt * turned_y, -dt * gain * turned_x}};
     }
   };
 };
@@ -196,9 +203,10 @@ struct Correspondence {
   float weight = 1;
 };
 
-// The model of this kind that brings the events nearest to their targets: weighted least squares, Gauss-Newton.
-// Directions that the correspondences do not determine stay at no motion.
-MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs, const WarpFrame& frame);
+// The model of this kind that brings the events nearest to their targets: weighted least squares,
+// Gauss-Newton. Directions that the correspondences do not determine stay at no motion.
+MotionModel fit_correspondences(MotionKind kind, std::span<const Correspondence> pairs,
+                                const WarpFrame& frame);
 
 // The same image motion as a model of another kind: exact from a kind that the other contains, otherwise the
 // least-squares fit of the velocity field over `plane`.
@@ -232,10 +240,11 @@ struct Points {
 Points make_points(const EventView& events, std::int64_t t_ref, const UndistortionTable* table = nullptr);
 
 // Warped positions of all points.
-void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame, std::span<float> x,
-                 std::span<float> y);
+void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame,
+                 std::span<float> x, std::span<float> y);
 
 // Root-mean-square distance, in px, between two models' warps of the points.
-double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame, const PointView& points);
+double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame,
+                       const PointView& points);
 
 }  // namespace emseg

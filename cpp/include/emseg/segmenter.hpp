@@ -3,8 +3,6 @@
 
 #include <mutex>
 #include <optional>
-#include <string>
-#include <utility>
 #include <vector>
 
 #include "emseg/adaptive_window.hpp"
@@ -12,6 +10,7 @@
 #include "emseg/event_graph.hpp"
 #include "emseg/expansion.hpp"
 #include "emseg/model_pool.hpp"
+#include "emseg/stage_clock.hpp"
 
 namespace emseg {
 
@@ -45,7 +44,7 @@ struct Segmentation {
   double reference_sharpness = 0;  // G_ref of the data term, fixed for the window
   std::int64_t next_duration_us =
       0;  // that a window after this one should have, by the motion found in this one
-  std::vector<std::pair<std::string, double>> timings;  // stage, seconds
+  StageTimes timings;
 };
 
 // What a caller may know of a window beforehand.

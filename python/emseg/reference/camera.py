@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -85,8 +86,11 @@ class Camera:
         )
 
 
+@lru_cache(maxsize=4)
 def undistortion_table(camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """Undistorted position of every pixel of the sensor, float32 (height, width, 2)."""
+    """Undistorted position of every pixel of the sensor, float32 (height, width, 2), read-only."""
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     pixels = np.stack([columns.ravel(), rows.ravel()], axis=-1)
-    return camera.undistort(pixels).reshape(height, width, 2).astype(np.float32)
+    table = camera.undistort(pixels).reshape(height, width, 2).astype(np.float32)
+    table.setflags(write=False)
+    return table

@@ -45,8 +45,8 @@ def published_data_term(values: Floats, reference: float) -> Floats:
 
 def logarithmic_data_term(values: Floats, reference: float) -> Floats:
     """(3)  D(e, m) = 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, g as in (2), (n, models)."""
-    drop: Floats = np.log((1 + LOG_FLOOR) / (_share(values, reference) + LOG_FLOOR))
-    return MAX_COST * drop / np.log((1 + LOG_FLOOR) / LOG_FLOOR)
+    drop = np.log((1 + LOG_FLOOR) / (_share(values, reference) + LOG_FLOOR))
+    return np.asarray(MAX_COST * drop / np.log((1 + LOG_FLOOR) / LOG_FLOOR), dtype=np.float64)
 
 
 def _share(values: Floats, reference: float) -> Floats:

@@ -1,0 +1,85 @@
+// The alternation: labels given models by graph cuts, models given labels by contrast maximisation, in turn.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "emseg/data_term.hpp"
+#include "emseg/event_graph.hpp"
+#include "emseg/expansion.hpp"
+#include "emseg/motion_fit.hpp"
+#include "emseg/stage_clock.hpp"
+
+namespace emseg {
+
+struct AlternationOptions {
+  DataTerm term = DataTerm::logarithmic;
+  double lambda_data = 1;
+  std::int32_t smooth_cost = 30;                          // lambda_P
+  std::int64_t label_cost = 8000;                         // lambda_M
+  std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
+  RefineOptions refine;
+  double sigma = 1;    // blur of the data term's images, px
+  int iterations = 5;  // labels and models in turn (NUM_ITER_SEGMENTATION)
+  int sweeps = 2;      // of expansion moves in each (NUM_ITER_LABELING)
+};
+
+// Labels and models of one window with their energy
+//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + lambda_M |{labels used}|.
+// No step raises it.  G_ref, the sharpness that costs nothing, is part of the published energy and follows
+// the models there (the largest pixel of any of them); the logarithmic term's is taken once, from the models
+// given.
+class Alternation {
+ public:
+  // What is passed by reference must outlive the alternation.  There is at least one model and one point.
+  Alternation(const PointView& points, const EventGraph& graph, const WarpFrame& frame, Region plane,
+              std::vector<MotionModel> models, const AlternationOptions& options, ThreadPool& pool,
+              ExpansionWorkspace& expansion_workspace, StageClock& clock);
+
+  // Alternates until the energy stops falling.
+  void run();
+
+  // Finds the labels again with one more model, which is free of label cost and leaves G_ref as it is.
+  void add_free_model(const MotionModel& model);
+
+  const std::vector<MotionModel>& models() const { return models_; }
+  const std::vector<std::int32_t>& labels() const { return labels_; }
+  std::int64_t energy() const { return trace_.back(); }
+  const std::vector<std::int64_t>& trace() const { return trace_; }  // after every step
+  double reference() const { return reference_; }                    // G_ref
+
+ private:
+  void label();
+  void drop_unused();
+  bool refit();
+  void evaluate(const MotionModel& model, int worker, ModelSupport& support);
+  double reference_with(std::size_t label, const ModelSupport& support) const;
+  std::int64_t data_cost_with(std::size_t label, const ModelSupport& support, double reference) const;
+  std::int64_t data_cost() const;
+  void set_costs();
+  LabelingProblem labeling(std::span<const std::int32_t> unary) const;
+
+  const PointView points_;
+  const EventGraph& graph_;
+  const WarpFrame& frame_;
+  const Region plane_;
+  const AlternationOptions options_;
+  ThreadPool& pool_;
+  ExpansionWorkspace& expansion_workspace_;
+  StageClock& clock_;
+  const std::vector<float> taps_;
+  std::vector<SupportWorkspace> support_workspaces_;
+  std::vector<ContrastWorkspace> contrast_workspaces_;
+
+  std::vector<MotionModel> models_;
+  std::vector<ModelSupport> supports_;
+  std::vector<std::int64_t> label_costs_;
+  double reference_ = 0;
+  std::vector<std::vector<std::int32_t>> costs_;  // per model, per event
+  std::vector<std::int32_t> labels_;
+  std::vector<std::int64_t> trace_;
+};
+
+}  // namespace emseg
