@@ -18,13 +18,29 @@ PointView point_view(const Array<float>& x, const Array<float>& y, const Array<f
   return {view(x), view(y), view(dt)};
 }
 
+// As large as a sensor of the engine may be, so that no product of its sides leaves an int.
+ImageSize checked_size(int width, int height) {
+  if (width < 1 || height < 1 || width > 8192 || height > 8192) {
+    throw std::invalid_argument("sensor size is " + std::to_string(width) + "x" + std::to_string(height) +
+                                ", expected 1..8192 each way");
+  }
+  return {width, height};
+}
+
+void check_polarities(const PointView& points, const Array<std::uint8_t>& p) {
+  if (view(p).size() != points.size()) {
+    throw std::invalid_argument("p has length " + std::to_string(p.size()) + ", x, y and dt have " +
+                                std::to_string(points.size()));
+  }
+}
+
 }  // namespace
 
 void bind_motion(py::module_& m) {
   py::class_<WarpFrame>(m, "WarpFrame",
                         "What warps are relative to: image centre, normalising length, intrinsics.")
-      .def(py::init([](int width, int height) { return make_warp_frame({width, height}); }), py::arg("width"),
-           py::arg("height"))
+      .def(py::init([](int width, int height) { return make_warp_frame(checked_size(width, height)); }),
+           py::arg("width"), py::arg("height"))
       .def(py::init([](const Camera& camera) { return make_warp_frame(camera.size, &camera); }),
            py::arg("camera"))
       .def_readonly("cx", &WarpFrame::cx)
@@ -62,7 +78,7 @@ void bind_motion(py::module_& m) {
          const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
-        Image image(Region{0, 0, width, height});
+        Image image(sensor_region(checked_size(width, height)));
         {
           py::gil_scoped_release release;
           BlurWorkspace blur;
@@ -82,11 +98,12 @@ void bind_motion(py::module_& m) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         const ContrastOptions options{contrast_measure(measure), sigma};
+        const Region region = sensor_region(checked_size(width, height));
         ContrastResult result;
         {
           py::gil_scoped_release release;
           ContrastWorkspace workspace;
-          result = contrast_and_gradient(points, model, frame, {0, 0, width, height}, options, workspace);
+          result = contrast_and_gradient(points, model, frame, region, options, workspace);
         }
         const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
         return py::make_tuple(result.value, to_numpy(std::vector<double>(
@@ -104,19 +121,17 @@ void bind_motion(py::module_& m) {
          const std::string& measure, double max_speed, double max_scale_rate, double max_angle_rate,
          int threads) {
         const PointView points = point_view(x, y, dt);
-        if (p.size() != x.size()) {
-          throw std::invalid_argument("x and p differ in length: " + std::to_string(x.size()) + ", " +
-                                      std::to_string(p.size()));
-        }
+        check_polarities(points, p);
         FitOptions options;
         options.refine.contrast = {contrast_measure(measure), sigma};
         options.refine.bounds = {max_speed, max_scale_rate, max_angle_rate};
         const MotionKind motion = motion_kind(kind);
+        const Region region = sensor_region(checked_size(width, height));
         FitResult result;
         {
           py::gil_scoped_release release;
           ThreadPool pool(threads);
-          result = fit_motion(points, view(p), motion, frame, {0, 0, width, height}, options, pool);
+          result = fit_motion(points, view(p), motion, frame, region, options, pool);
         }
         const auto params = params_of(result.model);
         return py::make_tuple(to_numpy(std::vector<double>(params.begin(), params.end())), result.contrast,
@@ -135,13 +150,15 @@ void bind_motion(py::module_& m) {
         const PointView points = point_view(x, y, dt);
         std::vector<Region> parts;
         for (const auto& [x0, y0, w, h] : regions) parts.push_back({x0, y0, w, h});
+        const Region region = sensor_region(checked_size(width, height));
+        check_polarities(points, p);
         std::vector<std::vector<VelocityScore>> found;
         {
           py::gil_scoped_release release;
           ThreadPool pool(threads);
           SweepOptions options;
           options.max_speed = max_speed;
-          found = sweep_velocities(points, view(p), parts, {0, 0, width, height}, options, pool);
+          found = sweep_velocities(points, view(p), parts, region, options, pool);
         }
         std::vector<std::vector<std::array<double, 3>>> result;
         for (const auto& of_region : found) {

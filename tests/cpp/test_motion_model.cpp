@@ -182,7 +182,8 @@ TEST_CASE("kinds have names, and models check their parameters") {
   for (const MotionKind kind : kinds) {
     CHECK(motion_kind(name_of(kind)) == kind);
     CHECK(kind_of(make_motion(kind)) == kind);
-    CHECK(params_of(make_motion(kind)).size() == static_cast<std::size_t>(dof_of(kind)));
+    const MotionModel made = make_motion(kind);
+    CHECK(params_of(made).size() == static_cast<std::size_t>(dof_of(kind)));
   }
   const std::vector<double> four{1, 2, 3, 4};
   const auto made = make_motion(MotionKind::similarity, four);
@@ -224,7 +225,8 @@ TEST_CASE("weights tell a fit what counts") {
   CHECK(params[1] == doctest::Approx(-3));
   // The weighted mean, where places disagree.
   const std::vector<Correspondence> two{{0, 0, 1, -10, 0, 3}, {0, 0, 1, -50, 0, 1}};
-  CHECK(params_of(fit_correspondences(MotionKind::translation, two, frame))[0] == doctest::Approx(20));
+  const MotionModel mean = fit_correspondences(MotionKind::translation, two, frame);
+  CHECK(params_of(mean)[0] == doctest::Approx(20));
 }
 
 TEST_CASE("what correspondences do not determine stays at no motion") {

@@ -275,6 +275,8 @@ def test_interruption_leaves_nothing_half(tmp_path: Path, number: signal.Signals
         stderr=subprocess.STDOUT,
         start_new_session=True,
         text=True,
+        # A shell's background jobs, and so what a test runner starts there, are born deaf to SIGINT.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     out = tmp_path / "out"
     deadline = time.monotonic() + 20

@@ -195,6 +195,7 @@ MotionKind motion_kind(std::string_view name);
 // Throws std::invalid_argument where their number does not fit or one is not finite.
 MotionModel make_motion(MotionKind kind, std::span<const double> params = {});
 std::span<const double> params_of(const MotionModel& model);
+std::span<const double> params_of(MotionModel&&) = delete;  // the span would outlive its model
 
 // An event at (x, y), dt seconds after t_ref, that is to be warped to (target_x, target_y).
 struct Correspondence {
