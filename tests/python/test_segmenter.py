@@ -85,7 +85,9 @@ def test_the_made_scene_is_segmented_and_its_objects_keep_their_tracks():
 
 
 def test_every_car_is_found_in_most_of_its_frames():
-    """A box is found by the criterion of the EED data set.  The bounds are what is measured: 172 of 176.
+    """A box is found by the criterion of the EED data set.
+
+    172 of 176 were found when this was written; 95 % are asked for.
 
     The boxes were made automatically, every 25 ms, and are good to 1.8 s; then the cars merge.
     """
@@ -102,7 +104,7 @@ def test_every_car_is_found_in_most_of_its_frames():
         for car, hit in zip(now[:, 1], detected_boxes(np.hstack([low, high - low]), detections), strict=True):
             found.setdefault(int(car), []).append(bool(hit))
     hits = [hit for car in found.values() for hit in car]
-    assert np.mean(hits) >= 172 / 176
+    assert np.mean(hits) >= 0.95
     # Tracks 3 and 5 of the boxes are there for a moment only, when two cars pass or one comes in.
     lasting = {car: hits for car, hits in found.items() if len(hits) >= 20}
     assert len(lasting) == 3
