@@ -55,20 +55,45 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
 
 void bind_segmenter(py::module_& m) {
   const SegmenterOptions defaults;
+  std::vector<std::string> default_kinds;
+  for (const MotionKind kind : defaults.kinds) default_kinds.emplace_back(name_of(kind));
   py::class_<SegmenterOptions>(m, "SegmenterOptions",
                                "Settings of the engine; emseg.Config is their public face.")
-      .def(py::init(&make_options), py::kw_only(), py::arg("data_term") = "logarithmic",
+      .def(py::init(&make_options), py::kw_only(),
+           py::arg("data_term") = std::string(name_of(defaults.data_term)),
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
            py::arg("lambda_label") = defaults.lambda_label, py::arg("bracket_row") = defaults.bracket_row,
            py::arg("bracket_col") = defaults.bracket_col,
            py::arg("affine_trans2d_max") = defaults.bounds.speed,
            py::arg("affine_scale_max") = defaults.bounds.scale_rate,
-           py::arg("affine_theta_max") = defaults.bounds.angle_rate,
-           py::arg("kinds") = std::vector<std::string>{"translation", "similarity"},
+           py::arg("affine_theta_max") = defaults.bounds.angle_rate, py::arg("kinds") = default_kinds,
            py::arg("num_iter_segmentation") = defaults.num_iter_segmentation,
            py::arg("num_iter_labeling") = defaults.num_iter_labeling, py::arg("sigma") = defaults.sigma,
            py::arg("mark_noise") = defaults.mark_noise, py::arg("threads") = defaults.threads,
-           "Raise ValueError that names the first setting out of range.");
+           "Raise ValueError that names the first setting out of range.")
+      .def_property_readonly("kinds",
+                             [](const SegmenterOptions& o) {
+                               std::vector<std::string> names;
+                               for (const MotionKind kind : o.kinds) names.emplace_back(name_of(kind));
+                               return names;
+                             })
+      .def_property_readonly("affine_trans2d_max", [](const SegmenterOptions& o) { return o.bounds.speed; })
+      .def_property_readonly("affine_scale_max",
+                             [](const SegmenterOptions& o) { return o.bounds.scale_rate; })
+      .def_property_readonly("affine_theta_max",
+                             [](const SegmenterOptions& o) { return o.bounds.angle_rate; })
+      .def_property_readonly("data_term",
+                             [](const SegmenterOptions& o) { return std::string(name_of(o.data_term)); })
+      .def_readonly("lambda_data", &SegmenterOptions::lambda_data)
+      .def_readonly("lambda_smooth", &SegmenterOptions::lambda_smooth)
+      .def_readonly("lambda_label", &SegmenterOptions::lambda_label)
+      .def_readonly("bracket_row", &SegmenterOptions::bracket_row)
+      .def_readonly("bracket_col", &SegmenterOptions::bracket_col)
+      .def_readonly("num_iter_segmentation", &SegmenterOptions::num_iter_segmentation)
+      .def_readonly("num_iter_labeling", &SegmenterOptions::num_iter_labeling)
+      .def_readonly("sigma", &SegmenterOptions::sigma)
+      .def_readonly("mark_noise", &SegmenterOptions::mark_noise)
+      .def_readonly("threads", &SegmenterOptions::threads);
 
   py::class_<Segmentation>(m, "Segmentation", "What the engine makes of one window.")
       .def_property_readonly(

@@ -8,9 +8,12 @@
 
 namespace emseg {
 
+std::string_view name_of(DataTerm term) { return term == DataTerm::published ? "published" : "logarithmic"; }
+
 DataTerm data_term(std::string_view name) {
-  if (name == "published") return DataTerm::published;
-  if (name == "logarithmic") return DataTerm::logarithmic;
+  for (const DataTerm term : {DataTerm::published, DataTerm::logarithmic}) {
+    if (name == name_of(term)) return term;
+  }
   throw std::invalid_argument("unknown data term '" + std::string(name) +
                               "', expected published or logarithmic");
 }

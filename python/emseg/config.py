@@ -81,7 +81,13 @@ class Config(BaseModel):
     affine_theta_max: float = _setting(
         1.5, "Largest rotation searched, each way", unit="rad/s", source=_EMSGC, ge=0, le=1e3
     )
-    division_exponent: int = _setting(7, "Halvings of the published grid search", source=_EMSGC, ge=1, le=16)
+    division_exponent: int = _setting(
+        7,
+        "Halvings of the published grid search; read from published files, the engine searches otherwise",
+        source=_EMSGC,
+        ge=1,
+        le=16,
+    )
     hybrid_model_combination: HybridModelCombination = _setting(
         "2d+4d", "Motion models that may explain a cluster; 0 .. 6 as published", source=_THESIS
     )
@@ -103,7 +109,9 @@ class Config(BaseModel):
         "auto", "Whether events that no motion explains are labelled as noise (-1)"
     )
     threads: int = _setting(0, "Threads; 0: all cores.  The result is the same for any number", ge=0, le=1024)
-    seed: int = _setting(0, "Seed of what is random", ge=0, le=2**63 - 1)
+    seed: int = _setting(
+        0, "Recorded with every run; the engine itself has nothing random", ge=0, le=2**63 - 1
+    )
 
     @model_validator(mode="before")
     @classmethod

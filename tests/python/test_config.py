@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from emseg import _core
 from emseg.config import Config, ConfigError, explain
+from emseg.segmentation import engine_options
 
 
 def test_defaults() -> None:
@@ -201,3 +203,17 @@ def test_fingerprint_ignores_only_threads() -> None:
     changes: dict[str, Any] = {"sigma": 2.0, "seed": 1, "noise_label": "off", "window_duration": 0.1}
     prints = {Config(**{key: value}).fingerprint() for key, value in changes.items()}
     assert len(prints | {Config().fingerprint()}) == len(changes) + 1
+
+
+def test_the_engines_defaults_are_the_configs() -> None:
+    """Every setting of the engine, by its name: what Config() hands over is what C++ would take by itself."""
+    handed, own = engine_options(Config()), _core.SegmenterOptions()
+    names = [name for name in dir(own) if not name.startswith("_")]
+    assert {"lambda_smooth", "affine_trans2d_max", "kinds", "data_term"} <= set(names)
+    assert {name: getattr(handed, name) for name in names} == {name: getattr(own, name) for name in names}
+
+
+@pytest.mark.parametrize("name", ["lambda_smooth", "bracket_row", "affine_theta_max", "sigma", "threads"])
+def test_a_setting_reaches_the_engine(name: str) -> None:
+    config = Config(**{name: 3})
+    assert getattr(engine_options(config), name) == 3 != getattr(_core.SegmenterOptions(), name)

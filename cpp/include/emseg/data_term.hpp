@@ -18,6 +18,7 @@ enum class DataTerm {
                 // moves nothing
 };
 
+std::string_view name_of(DataTerm term);
 // Throws std::invalid_argument that lists the known names.
 DataTerm data_term(std::string_view name);
 
