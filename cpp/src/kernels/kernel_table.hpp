@@ -52,8 +52,8 @@ struct KernelTable {
   void (*scatter)(float* pairs, const std::int32_t* cell, const float* right, const float* low,
                   std::size_t n);
 
-  // A row of the image from two rows of pairs: own[2 i] + above[2 i + 1].
-  void (*fold)(const float* own, const float* above, std::size_t n, float* row);
+  // A row of the image from two rows of pairs: own[2 i] + above[2 i + 1].  The pairs above become zero.
+  void (*fold)(const float* own, float* above, std::size_t n, float* row);
 
   // Bilinear interpolation in an image of cells, and its slopes.
   void (*sample_values)(const float* image, std::int32_t stride, const std::int32_t* cell, const float* right,
