@@ -19,6 +19,8 @@ void sample_slopes(const float* image, std::int32_t stride, const std::int32_t* 
                    const float* low, std::size_t n, float* dx, float* dy);
 void filter_row(const float* row, std::size_t n, const float* taps, int radius, float* filtered);
 void filter_rows(const float* const* rows, std::size_t n, const float* taps, int radius, float* filtered);
+void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places, std::size_t n,
+                 std::uint16_t* sums);
 void add_sums(const float* row, std::size_t n, double* sum, double* square);
 void subtract_scaled(float* row, const float* profile, float scale, std::size_t n);
 float maximum(const float* values, std::size_t n);

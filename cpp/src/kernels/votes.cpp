@@ -143,4 +143,23 @@ void sample_slopes(const float* image, std::int32_t stride, const std::int32_t* 
   }
 }
 
+void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places, std::size_t n,
+                 std::uint16_t* sums) {
+  typedef std::uint16_t Counts __attribute__((vector_size(4 * lanes)));
+  constexpr int wide = static_cast<int>(2 * lanes);
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::uint16_t* patch = image + places[k];
+    for (int row = 0; row < patch_rows; ++row, patch += stride) {
+      for (int column = 0; column < patch_columns; column += wide) {
+        std::uint16_t* const to = sums + row * patch_columns + column;
+        Counts counts, sum;
+        __builtin_memcpy(&counts, patch + column, sizeof counts);
+        __builtin_memcpy(&sum, to, sizeof sum);
+        sum += counts;
+        __builtin_memcpy(to, &sum, sizeof sum);
+      }
+    }
+  }
+}
+
 }  // namespace emseg::EMSEG_SIMD_LEVEL
