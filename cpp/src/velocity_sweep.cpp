@@ -22,7 +22,7 @@ struct TileVotes {
 // Events of a slice of the window's middle, thinned evenly, in units of cells.
 struct Slice {
   std::vector<float> u, v, dt;
-  std::vector<std::int32_t> first_cell;  // of the plane of its polarity
+  std::vector<std::uint32_t> first_cell;  // of the plane of its polarity
 };
 
 // The image plane in cells, kept tile by tile: first all tiles of one polarity, then of the other, then one
@@ -42,7 +42,7 @@ class TileGrid {
   // A worker's memory; cells are zero between scorings.
   struct Workspace {
     std::vector<std::uint16_t> cells;
-    std::vector<std::int32_t> cell_of_event;
+    std::vector<std::uint32_t> cell_of_event;
     std::vector<TileVotes> tiles;
     std::vector<double> excess, votes;  // summed-area tables, a row and a column of zeros first
   };
@@ -66,7 +66,7 @@ class TileGrid {
       slice.u.push_back((points.x[k] - x0) * inverse_cell);
       slice.v.push_back((points.y[k] - y0) * inverse_cell);
       slice.dt.push_back(points.dt[k] - middle);
-      slice.first_cell.push_back(positive[k] ? tile_count() * cells_per_tile : 0);
+      slice.first_cell.push_back(positive[k] ? static_cast<std::uint32_t>(tile_count() * cells_per_tile) : 0);
     }
     return slice;
   }
@@ -80,21 +80,27 @@ class TileGrid {
     const auto su = static_cast<float>(vx / cell_), sv = static_cast<float>(vy / cell_);
     const auto width = static_cast<float>(columns_ * tile_cells);
     const auto height = static_cast<float>(rows_ * tile_cells);
-    const int outside = 2 * tile_count() * cells_per_tile;
-    std::int32_t* const cell_of_event = workspace.cell_of_event.data();
+    const auto outside = static_cast<std::uint32_t>(2 * tile_count() * cells_per_tile);
+    const auto columns = static_cast<std::uint32_t>(columns_);
+    const std::uint32_t* const first_cell = slice.first_cell.data();
+    const float *slice_u = slice.u.data(), *slice_v = slice.v.data(), *slice_dt = slice.dt.data();
+    std::uint32_t* const cell_of_event = workspace.cell_of_event.data();
     for (std::size_t k = 0; k < n; ++k) {
-      const float u = slice.u[k] - slice.dt[k] * su;
-      const float v = slice.v[k] - slice.dt[k] * sv;
+      const float u = slice_u[k] - slice_dt[k] * su;
+      const float v = slice_v[k] - slice_dt[k] * sv;
       const bool inside = u >= 0 && v >= 0 && u < width && v < height;
-      const int column = static_cast<int>(inside ? u : 0), row = static_cast<int>(inside ? v : 0);
-      const int tile = row / tile_cells * columns_ + column / tile_cells;
-      const int cell = tile * cells_per_tile + row % tile_cells * tile_cells + column % tile_cells;
-      cell_of_event[k] = inside ? cell + slice.first_cell[k] : outside;
+      // Through signed integers, which the processor converts to; unsigned ones divide by shifts.
+      const auto column = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? u : 0));
+      const auto row = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? v : 0));
+      const std::uint32_t tile = row / tile_cells * columns + column / tile_cells;
+      const std::uint32_t cell =
+          tile * cells_per_tile + row % tile_cells * tile_cells + column % tile_cells;
+      cell_of_event[k] = inside ? cell + first_cell[k] : outside;
     }
     std::uint16_t* const cells = workspace.cells.data();
     TileVotes* const tiles = workspace.tiles.data();
     for (std::size_t k = 0; k < n; ++k) {
-      const std::int32_t cell = cell_of_event[k];
+      const std::uint32_t cell = cell_of_event[k];
       TileVotes& tile = tiles[cell / cells_per_tile];
       tile.pairs += cells[cell]++;
       ++tile.votes;
