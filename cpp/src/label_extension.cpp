@@ -7,14 +7,6 @@
 
 namespace emseg {
 
-std::vector<std::size_t> even_sample(std::size_t count, std::size_t most) {
-  const std::size_t kept = std::min(count, most);
-  std::vector<std::size_t> indices(kept);
-  // Quotient and remainder apart, so that no product overflows.
-  for (std::size_t i = 0; i < kept; ++i) indices[i] = i * (count / kept) + i * (count % kept) / kept;
-  return indices;
-}
-
 std::vector<std::int32_t> extend_labels(const PointView& points, std::span<const std::size_t> sample,
                                         std::span<const std::int32_t> labels,
                                         std::span<const MotionModel> models, const WarpFrame& frame,
@@ -24,7 +16,7 @@ std::vector<std::int32_t> extend_labels(const PointView& points, std::span<const
   std::vector<float> brightest(points.size(), 0.0f);
   std::vector<float> x(points.size()), y(points.size());
   Image image;
-  BlurWorkspace blur;
+  IweWorkspace workspace;
   for (std::size_t l = 0; l < models.size(); ++l) {
     Points own;
     for (std::size_t i = 0; i < sample.size(); ++i) {
@@ -35,7 +27,7 @@ std::vector<std::int32_t> extend_labels(const PointView& points, std::span<const
     y.resize(own.size());
     warp_points(own.view(), models[l], frame, x, y);
     image.region = bounding_region(x, y, static_cast<int>(taps.size()), canvas_of(plane));
-    make_iwe(image, own.view(), models[l], frame, taps, blur);
+    make_iwe(image, own.view(), models[l], frame, taps, workspace);
     x.resize(points.size());
     y.resize(points.size());
     warp_points(points, models[l], frame, x, y);

@@ -6,6 +6,7 @@
 
 #include "emseg/count_image.hpp"
 #include "emseg/model_selection.hpp"
+#include "emseg/sampling.hpp"
 
 namespace emseg {
 
@@ -29,12 +30,6 @@ std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col) 
 }
 
 namespace {
-
-// The richest kind on offer; poorer ones are special cases of it or compete later, on the labels.
-MotionKind richest(const std::vector<MotionKind>& kinds) {
-  return *std::max_element(kinds.begin(), kinds.end(),
-                           [](MotionKind a, MotionKind b) { return dof_of(a) < dof_of(b); });
-}
 
 // Squares of `side` px that overlap by half: small objects fill one of them.
 std::vector<Region> overlapping_tiles(Region plane, int side) {
@@ -76,12 +71,10 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   return models;
 }
 
-// Every n-th point in time, so that no more than `most` are left.
+// No more than `most` of the points, evenly in time.
 Points thinned(const PointView& points, std::size_t most) {
-  const std::size_t kept = std::min(points.size(), most);
   Points few;
-  few.reserve(kept);
-  for (std::size_t i = 0; i < kept; ++i) few.push_back(points, i * points.size() / kept);
+  for (const std::size_t k : even_sample(points.size(), most)) few.push_back(points, k);
   return few;
 }
 

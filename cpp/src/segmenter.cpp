@@ -8,6 +8,7 @@
 #include "emseg/alternation.hpp"
 #include "emseg/background.hpp"
 #include "emseg/label_extension.hpp"
+#include "emseg/sampling.hpp"
 #include "emseg/window.hpp"
 
 namespace emseg {
@@ -154,7 +155,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const std::vector<std::size_t> sampled = even_sample(n, options_.max_events);
   const EventSample sample(events, all_points, sampled);
   const PointView points = sample.points();
-  const EventGraph graph = build_event_graph(sample.events(), size_);
+  const PixelGraph graph = build_pixel_graph(sample.events(), size_);
   clock.lap("graph");
 
   // Model pool.
@@ -193,6 +194,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   alternation_options.sigma = options_.sigma;
   alternation_options.iterations = options_.num_iter_segmentation;
   alternation_options.sweeps = options_.num_iter_labeling;
+  alternation_options.labelling = options_.labelling;
   Alternation alternation(points, graph, frame_, plane_, std::move(models), alternation_options, pool_,
                           expansion_workspace_, clock);
   alternation.run();

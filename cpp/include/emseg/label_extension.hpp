@@ -9,9 +9,6 @@
 
 namespace emseg {
 
-// Every n-th index of `count`, so that no more than `most` are left; all of them where there are no more.
-std::vector<std::size_t> even_sample(std::size_t count, std::size_t most);
-
 // The label, for every point, that most of the sample's events near it have.  Near is after warping by the
 // label's motion: each label's own events make an image of warped events, blurred by `taps`, and a point takes
 // the label whose image is brightest at its warped place.  -1 where all are dark.  `sample` are indices of

@@ -6,9 +6,8 @@
 #include <vector>
 
 #include "emseg/adaptive_window.hpp"
+#include "emseg/alternation.hpp"
 #include "emseg/camera.hpp"
-#include "emseg/event_graph.hpp"
-#include "emseg/expansion.hpp"
 #include "emseg/model_pool.hpp"
 #include "emseg/stage_clock.hpp"
 
@@ -25,6 +24,7 @@ struct SegmenterOptions {
   std::vector<MotionKind> kinds{MotionKind::translation, MotionKind::similarity};  // HybridModelCombination
   int num_iter_segmentation = 5;                                                   // alternations at the most
   int num_iter_labeling = 2;                                                       // expansion sweeps of each
+  Labelling labelling = Labelling::bands;
   double sigma = 1;  // blur of the images of warped events, px
   // Events of a window that motions and labels are found on; the others are given the labels of these.
   std::size_t max_events = 60'000;
