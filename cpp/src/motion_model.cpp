@@ -1,5 +1,6 @@
 #include "emseg/motion_model.hpp"
 
+#include <algorithm>
 #include <Eigen/Dense>
 #include <cassert>
 #include <stdexcept>
@@ -147,6 +148,11 @@ std::string_view name_of(MotionKind kind) {
 
 int dof_of(MotionKind kind) {
   return std::visit([](const auto& model) { return model.dof; }, still(kind));
+}
+
+MotionKind richest(std::span<const MotionKind> kinds) {
+  return *std::max_element(kinds.begin(), kinds.end(),
+                           [](MotionKind a, MotionKind b) { return dof_of(a) < dof_of(b); });
 }
 
 MotionKind motion_kind(std::string_view name) {

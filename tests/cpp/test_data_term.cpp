@@ -106,7 +106,7 @@ TEST_CASE("sharpness is the blurred image where each event falls, though the ima
   const auto taps = gaussian_taps(1.3);
   const Scene scene =
       moving_dots({{Similarity{{150, 80, 0.5, -0.6}}, {6, 10, 30, 20}, 40, 8}}, frame, 0.06, 5);
-  SupportWorkspace workspace;
+  IweWorkspace workspace;
   IweWorkspace iwe;
   // The true model, a wrong one, and one that throws most events off the canvas.
   for (const MotionModel& model :
