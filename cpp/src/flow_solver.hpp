@@ -134,6 +134,11 @@ class FlowSolver {
     std::vector<std::int32_t> next;      // nodes of level depth + 1 while the forest grows
   };
 
+  struct Detached {
+    std::int32_t node;
+    std::int32_t level;  // that it had
+  };
+
   // Residual capacity in the direction of flow away from the forest's roots (source) or towards them (sink).
   template <Side side>
   Capacity outgoing(std::int32_t a) const {
@@ -186,7 +191,7 @@ class FlowSolver {
   std::vector<std::int32_t> parent_;  // arc to the parent, kRoot or kOrphan
   std::vector<std::int32_t> next_orphan_;
   std::vector<std::int32_t> orphans_;   // per level: head of a list through next_orphan_
-  std::vector<std::int32_t> detached_;  // orphans that cannot stay on their level
+  std::vector<Detached> detached_;      // orphans that cannot stay on their level
   std::vector<std::int32_t> placed_;    // of these, those that found another, nearest first
   std::int32_t lowest_orphan_ = 0;
   std::int32_t highest_orphan_ = 0;
@@ -384,8 +389,8 @@ void FlowSolver<Capacity, Residual>::detach(std::int32_t v) {
     const auto [head, sister] = arc(a);
     if (distance(head) == below && parent(head) == sister) make_orphan(head);
   }
+  detached_.push_back({v, std::abs(distance(v))});
   distance(v) = 0;
-  detached_.push_back(v);
 }
 
 // Breadth-first over the detached nodes, every one starting at the level that the rest of the forest offers
@@ -395,9 +400,10 @@ template <typename FlowSolver<Capacity, Residual>::Side side>
 void FlowSolver<Capacity, Residual>::place_detached() {
   const std::int32_t limit = forest<side>().limit;
   std::int32_t lowest = limit + 1;
-  for (const std::int32_t v : detached_) {
+  for (const auto& [v, old_level] : detached_) {
+    // One level up nobody could take it, so that nothing lies nearer than one level down.
     std::int32_t level = limit + 1;
-    for (std::int32_t a = arcs_begin(v); a < arcs_end(v); ++a) {
+    for (std::int32_t a = arcs_begin(v); a < arcs_end(v) && level > old_level + 1; ++a) {
       const std::int32_t offered = signed_level<side>(distance(arc(a).head)) + 1;
       if (offered > 1 && offered < level && incoming<side>(a) > 0) {
         level = offered;
