@@ -162,6 +162,8 @@ class FlowSolver {
   }
 
   void push_to_neighbours();
+  template <Side side>
+  void push_to_neighbours_of();
   void plant();
   template <Side side>
   void grow();
@@ -190,9 +192,9 @@ class FlowSolver {
       distance_;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
   std::vector<std::int32_t> parent_;  // arc to the parent, kRoot or kOrphan
   std::vector<std::int32_t> next_orphan_;
-  std::vector<std::int32_t> orphans_;   // per level: head of a list through next_orphan_
-  std::vector<Detached> detached_;      // orphans that cannot stay on their level
-  std::vector<std::int32_t> placed_;    // of these, those that found another, nearest first
+  std::vector<std::int32_t> orphans_;  // per level: head of a list through next_orphan_
+  std::vector<Detached> detached_;     // orphans that cannot stay on their level
+  std::vector<std::int32_t> placed_;   // of these, those that found another, nearest first
   std::int32_t lowest_orphan_ = 0;
   std::int32_t highest_orphan_ = 0;
   Forest source_;
@@ -211,7 +213,10 @@ template <typename Capacity, typename Residual>
 std::int64_t FlowSolver<Capacity, Residual>::maximise(std::int64_t enough) {
   // The sink's forest is always completed, so that the cut does not depend on which side ends first.
   while (!is_maximum() && flow_ < enough) {
-    if (!source_.frontier.empty() && source_.depth <= sink_.depth) {
+    const bool source_is_next =
+        source_.depth < sink_.depth ||
+        (source_.depth == sink_.depth && source_.frontier.size() <= sink_.frontier.size());
+    if (!source_.frontier.empty() && source_is_next) {
       grow<Side::source>();
     } else {
       grow<Side::sink>();
@@ -220,19 +225,35 @@ std::int64_t FlowSolver<Capacity, Residual>::maximise(std::int64_t enough) {
   return flow_;
 }
 
-// Paths of one arc, before there are forests to keep in order.
+// Paths of one arc, before there are forests to keep in order; from the side that has fewer nodes.
 template <typename Capacity, typename Residual>
 void FlowSolver<Capacity, Residual>::push_to_neighbours() {
+  std::size_t sources = 0, sinks = 0;
+  for (const Capacity excess : excess_) {
+    sources += excess > 0 ? 1 : 0;
+    sinks += excess < 0 ? 1 : 0;
+  }
+  if (sources < sinks) {
+    push_to_neighbours_of<Side::source>();
+  } else {
+    push_to_neighbours_of<Side::sink>();
+  }
+}
+
+template <typename Capacity, typename Residual>
+template <typename FlowSolver<Capacity, Residual>::Side side>
+void FlowSolver<Capacity, Residual>::push_to_neighbours_of() {
+  constexpr Capacity sign = side == Side::source ? 1 : -1;
   const auto n = static_cast<std::int32_t>(node_count());
   for (std::int32_t v = 0; v < n; ++v) {
-    for (std::int32_t a = arcs_begin(v); a < arcs_end(v) && excess_at(v) > 0; ++a) {
-      Capacity& deficit = excess_at(arc(a).head);
-      if (deficit >= 0 || residuals(a).forward == 0) continue;
-      const Capacity amount =
-          std::min({excess_at(v), Capacity{residuals(a).forward}, static_cast<Capacity>(-deficit)});
-      push(a, amount);
-      excess_at(v) -= amount;
-      deficit += amount;
+    for (std::int32_t a = arcs_begin(v); a < arcs_end(v) && sign * excess_at(v) > 0; ++a) {
+      const auto [head, sister] = arc(a);
+      const Capacity wanted = -sign * excess_at(head);
+      if (wanted <= 0 || outgoing<side>(a) == 0) continue;
+      const Capacity amount = std::min({sign * excess_at(v), outgoing<side>(a), wanted});
+      push(side == Side::source ? a : sister, amount);
+      excess_at(v) -= sign * amount;
+      excess_at(head) += sign * amount;
       flow_ += amount;
     }
   }
