@@ -11,6 +11,7 @@ import json
 import statistics
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,21 +56,19 @@ def check(window: BenchWindow, one: emseg.Segmentation, many: emseg.Segmentation
 
 def bench_window(window: BenchWindow, config: emseg.Config, *, repeats: int, fresh: int) -> dict[str, Any]:
     """Times and quality of one window, beside the published code's."""
-    one_thread = config.model_copy(update={"threads": 1})
+    one_thread = replace(config, threads=1)
     single, default = cpu_times(
         [lambda c=c: emseg.segment(window.events, window.camera, c) for c in (one_thread, config)],  # type: ignore[misc]
         repeats,
     )
     check(window, single.result, default.result)
-    cold = [run_fresh(window.name, one_thread.model_dump_json()) for _ in range(fresh)]
+    cold = [run_fresh(window.name, json.dumps(asdict(one_thread))) for _ in range(fresh)]
     require(
         all(run["energy"] == single.result.energy for run in cold),
         f"{window.name}: a fresh process finds another energy than a warm one",
     )
     # The labels that were optimised: events marked as noise have lost theirs.
-    unmarked = emseg.segment(
-        window.events, window.camera, one_thread.model_copy(update={"noise_label": "off"})
-    )
+    unmarked = emseg.segment(window.events, window.camera, replace(one_thread, noise_label="off"))
     require(unmarked.energy == single.result.energy, f"{window.name}: marking noise changes the energy")
     row: dict[str, Any] = {
         "window": window.name,
@@ -276,8 +275,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if reference:
         print_reference(reference, {row["window"]: row for row in rows})
     if options.json:
-        settings = json.loads(config.model_dump_json())
-        write_json(options.json, found, settings=settings, windows=rows, reference=reference)
+        write_json(options.json, found, settings=asdict(config), windows=rows, reference=reference)
 
 
 if __name__ == "__main__":
