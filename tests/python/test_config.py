@@ -85,7 +85,7 @@ def test_unknown_keys_name_the_nearest(key: str, near: str, tmp_path: Path) -> N
     with pytest.raises(ConfigError, match=rf"my\.yaml: {key}: unknown key, did you mean '{near}'\?"):
         Config.from_yaml(path)
     with pytest.raises(ConfigError, match=f"^{key}: unknown key, did you mean '{near}'"):
-        replace(Config(), **{key: 3})
+        Config(**{key: 3})
 
 
 def test_numpy_scalars_and_whole_floats() -> None:
