@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 
 import emseg
 from bench import windows
-from bench.common import circumstances, cpu_times, print_circumstances, print_table, require, write_json
+from bench.common import (
+    circumstances,
+    cpu_times,
+    number,
+    print_circumstances,
+    print_table,
+    require,
+    write_json,
+)
 from bench.fresh import run_fresh
 from bench.published import our_solution, published_energies, published_solution, reference_window
 from bench.windows import BenchWindow
@@ -124,10 +132,6 @@ def bench_reference(window: BenchWindow, pool_name: str) -> dict[str, Any]:
 
 
 # --- tables ------------------------------------------------------------------------------------------------
-
-
-def number(value: float | None, form: str) -> str:
-    return "–" if value is None or value != value else format(value, form)
 
 
 def print_times(rows: Sequence[dict[str, Any]]) -> None:
