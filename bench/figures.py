@@ -56,7 +56,8 @@ def is_time(place: str) -> bool:
 
 def is_quality(place: str) -> bool:
     """Whether a figure says how good the answer is, or how much memory it took."""
-    return not _PEERS.search(place) and bool(_QUALITY.search(place.split("/")[-1]))
+    own = not _PEERS.search(place) and not is_time(place)  # a stage is called labels
+    return own and bool(_QUALITY.search(place.split("/")[-1]))
 
 
 def is_repeatable(place: str) -> bool:
