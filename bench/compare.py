@@ -27,7 +27,7 @@ from typing import Any, Final, NoReturn
 from bench.common import ROOT, print_table, require
 from bench.figures import figures_of, is_quality, is_repeatable, is_time
 
-BENCHMARKS: Final = ("bench.stages", "bench.kernels", "bench.sequences", "bench.growth")
+BENCHMARKS: Final = ("bench.stages", "bench.kernels", "bench.sequences", "bench.growth", "bench.start_up")
 DEFAULT: Final = ["bench.stages", "--repeats", "3", "--fresh", "1", "--reference", "none"]
 
 

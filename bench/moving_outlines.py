@@ -33,8 +33,9 @@ def moving_outlines(events: int, width: int, height: int, *, seed: int = 0) -> B
     sides = np.array([[width], [height], [1.0]])
     places = rng.uniform(0, 1, (3, noise)) * sides - [[0], [0], [0.5]]
     parts = [np.vstack([places, np.full(noise, -1.0)])]
-    # Each pixel shows one surface, so that of as many samples of each about one surface's worth is seen.
-    samples = round(1.3 * events)
+    # Each pixel shows one of the surfaces, so that of as many samples of each about one surface's worth is
+    # seen; some fall beside the sensor.
+    samples = 2 * events
     for label in range(len(VELOCITIES)):
         x, y, t = _sampled_outlines(rng, label, samples, width, height)
         seen = (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
