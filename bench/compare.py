@@ -222,7 +222,8 @@ def compare(options: argparse.Namespace) -> dict[str, Any]:
             shutil.rmtree(target / "bench")
             shutil.copytree(source / "bench", target / "bench")
         for turn in range(options.rounds):
-            for side, tree in trees.items():
+            for side in "BA" if turn % 2 else "AB":  # so that a machine that slows down favours neither
+                tree = trees[side]
                 print(f"{side}: run {turn + 1} of {options.rounds} …", file=sys.stderr, flush=True)
                 results[side].append(measure(tree, options.benchmark, tree.parent))
     for side, rounds in results.items():
