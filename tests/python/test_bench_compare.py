@@ -103,16 +103,27 @@ def test_an_interruption_leaves_nothing(
     assert nothing_is_left(compare.ROOT)
 
 
-def test_an_interrupted_step_ends_its_process(compare: Any, tmp_path: Path) -> None:
+def test_an_interrupted_step_ends_its_process(
+    compare: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Also the processes that it started."""
     mark = tmp_path / "pid"
     script = f"sleep 60 & echo $! > {mark}; wait"
 
+    waited_for = threading.Event()
+    wait = subprocess.Popen.wait
+
+    def told_wait(process: subprocess.Popen[bytes]) -> int:
+        waited_for.set()
+        return wait(process)
+
     def interrupt() -> None:
+        waited_for.wait()
         while not mark.exists() or not mark.read_text().strip():
             time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)
 
+    monkeypatch.setattr(subprocess.Popen, "wait", told_wait)
     threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
         compare.run(["sh", "-c", script], cwd=tmp_path, log=tmp_path / "log")
