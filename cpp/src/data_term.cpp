@@ -19,21 +19,10 @@ DataTerm data_term(std::string_view name) {
 }
 
 void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
-                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      Region canvas, std::span<const float> taps, IweWorkspace& workspace,
                       ModelSupport& support) {
-  const std::size_t n = points.size();
-  workspace.x.resize(n);
-  workspace.y.resize(n);
-  warp_points(points, model, frame, workspace.x, workspace.y);
-  Image& image = workspace.image;
-  image.reset(bounding_region(workspace.x, workspace.y, 0, canvas));
-  for (std::size_t k = 0; k < n; ++k) bilinear_vote(image, workspace.x[k], workspace.y[k]);
-  gaussian_blur(image, taps, workspace.blur);
-  support.peak = image.pixels.empty() ? 0 : *std::max_element(image.pixels.begin(), image.pixels.end());
-  support.sharpness.resize(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    support.sharpness[k] = bilinear_value(image, workspace.x[k], workspace.y[k]);
-  }
+  support.sharpness.resize(points.size());
+  support.peak = sample_iwe(points, model, frame, canvas, taps, workspace, support.sharpness);
 }
 
 double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports) {

@@ -53,8 +53,8 @@ std::vector<float> gaussian_taps(double sigma);
 
 // Scratch of gaussian_blur.
 struct BlurWorkspace {
-  std::vector<float> rows;    // the image after the first pass
   std::vector<float> padded;  // one row with zeros on either side
+  std::vector<float> rows;    // the last rows after the first pass, as many as the taps of the second reach
 };
 
 // Separable Gaussian blur in place, zero outside the image.  The operator is its own adjoint.
