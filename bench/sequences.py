@@ -21,7 +21,7 @@ from bench import recordings
 from bench.common import circumstances, number, print_circumstances, print_table, require, write_json
 from bench.recordings import Recording
 
-SECONDS = 0.2  # of each recording, unless asked for more: fast_cam has 12 million events a second
+SECONDS = 0.25  # of each recording, unless asked for more: fast_cam has 12 million events a second
 WARM_UP_EVENTS = 5000  # what is imported or allocated on first use is not what a recording keeps up
 QUALITIES = ("moving_iou_deployed", "moving_iou_oracle", "object_iou")
 
