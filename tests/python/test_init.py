@@ -74,11 +74,13 @@ def test_submodules_do_not_hide_functions() -> None:
     [
         "emseg.__version__",
         "emseg.Segmenter, emseg.Camera, emseg.fit_motion",
-        "emseg.segment(emseg.EventArray([1, 2, 1], [1, 1, 2], [0, 1, 2], [0, 1, 1], width=20, height=10))",
+        "emseg.segment(events)",
+        "list(emseg.Segmenter(20, 10).run(events))",
     ],
 )
 def test_import_and_segmentation_are_light(use: str) -> None:
-    code = f"import sys, json, emseg; {use}; print(json.dumps([*sys.modules]))"
+    events = "emseg.EventArray([1, 2, 1], [1, 1, 2], [0, 1, 2], [0, 1, 1], width=20, height=10)"
+    code = f"import sys, json, emseg; events = {events}; {use}; print(json.dumps([*sys.modules]))"
     environment = {"PYTHONPATH": str(Path(emseg.__file__).parents[1])}
     told = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
