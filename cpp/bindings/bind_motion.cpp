@@ -2,6 +2,7 @@
 
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/velocity_sweep.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;

@@ -98,21 +98,24 @@ class Evaluation {
 
  private:
   std::size_t width() const { return static_cast<std::size_t>(area_.width); }
+  std::size_t stride() const { return rounded_up(width(), line_floats); }
+  int radius() const { return static_cast<int>(taps_.size()) - 1; }
+  float* cells() const { return iwe_.cells.data() + VoteGrid::lead; }
   double pixels() const { return static_cast<double>(region_.area()); }
 
   // Mean square of the blurred image, about its mean for the variance.  Its rows are blurred along themselves
   // once more for the gradient while they are at hand.
   double moments() {
     double sum = 0, square = 0;
-    workspace_.padded.assign(width() + 2 * taps_.size(), 0.0f);
-    float* const row = workspace_.padded.data() + taps_.size() - 1;
-    workspace_.rows.resize(area_.area());
-    const int radius = static_cast<int>(taps_.size()) - 1;
+    const std::size_t margin = rounded_up(taps_.size() - 1, line_floats);
+    workspace_.padded.assign(2 * margin + stride(), 0.0f);
+    float* const row = workspace_.padded.data() + margin;
+    workspace_.rows.resize(stride() * static_cast<std::size_t>(area_.height));
     take_blurred(
         grid_, area_, taps_, iwe_.blur, [&](int) { return row; },
         [&](int y, const float*) {
-          kernels().add_sums(row, width(), &sum, &square);
-          kernels().filter_row(row, width(), taps_.data(), radius, once_more(y));
+          kernels().add_sums(row, stride(), &sum, &square);  // zeros after the row included
+          kernels().filter_row(row, width(), taps_.data(), radius(), once_more(y));
         });
     mean_ = measure_ == ContrastMeasure::variance ? sum / pixels() : 0;
     return std::max(0.0, square / pixels() - mean_ * mean_);
@@ -120,28 +123,25 @@ class Evaluation {
 
   // Row y of the image blurred once more along its rows; y in area_.
   float* once_more(int y) {
-    return workspace_.rows.data() + static_cast<std::size_t>(y - area_.y0) * width();
+    return workspace_.rows.data() + static_cast<std::size_t>(y - area_.y0) * stride();
   }
 
   // The second pass of the second blur, where there are votes, less what a constant image of `mean_` gives
   // there.
   void spread_image() {
-    clear_cells();
-    const int radius = static_cast<int>(taps_.size()) - 1;
+    clear_border();
     const auto across = blurred_ones(region_.width), down = blurred_ones(region_.height);
-    workspace_.padded.assign(width(), 0.0f);
+    workspace_.padded.assign(stride(), 0.0f);
     std::vector<const float*> window(2 * taps_.size() - 1);
-    const auto columns = static_cast<std::size_t>(voted_.width);
     for (int y = voted_.y0; y < voted_.y0 + voted_.height; ++y) {
-      for (int d = -radius; d <= radius; ++d) {
+      for (int d = -radius(); d <= radius(); ++d) {
         const bool inside = y + d >= area_.y0 && y + d < area_.y0 + area_.height;
-        const float* const row = inside ? once_more(y + d) : workspace_.padded.data();
-        window[static_cast<std::size_t>(d + radius)] = row + (voted_.x0 - area_.x0);
+        window[static_cast<std::size_t>(d + radius())] = inside ? once_more(y + d) : workspace_.padded.data();
       }
-      float* const to = iwe_.cells.data() + grid_.cell_of(voted_.x0, y);
-      kernels().filter_rows(window.data(), columns, taps_.data(), radius, to);
+      float* const to = cells() + grid_.cell_of(area_.x0, y);
+      kernels().filter_rows(window.data(), width(), taps_.data(), radius(), to);
       const auto level = static_cast<float>(mean_ * down[static_cast<std::size_t>(y)]);
-      if (level != 0) kernels().subtract_scaled(to, across.data() + voted_.x0, level, columns);
+      if (level != 0) kernels().subtract_scaled(to, across.data() + area_.x0, level, width());
     }
   }
 
@@ -167,23 +167,23 @@ class Evaluation {
     Image& adjoint = workspace_.adjoint;
     gradient_square_adjoint(workspace_.image, adjoint);
     gaussian_blur(adjoint, taps_, iwe_.blur);
-    clear_cells();
+    clear_border();
     for (int y = 0; y < region_.height; ++y) {
-      std::copy_n(adjoint.row(y), region_.width, iwe_.cells.data() + grid_.cell_of(0, y));
+      std::copy_n(adjoint.row(y), region_.width, cells() + grid_.cell_of(0, y));
     }
   }
 
   // Only cells that places refer to need hold anything: those of votes, which are written, and the border.
-  void clear_cells() {
-    iwe_.cells.resize(std::max(iwe_.cells.size(), grid_.cell_count()));
-    const auto stride = static_cast<std::size_t>(grid_.stride());
-    float* const cells = iwe_.cells.data();
+  void clear_border() {
+    iwe_.cells.resize(std::max(iwe_.cells.size(), VoteGrid::lead + grid_.cell_count()));
+    const auto next = static_cast<std::size_t>(grid_.stride());
     const auto height = static_cast<std::size_t>(region_.height);
-    std::fill_n(cells, stride, 0.0f);
+    std::fill_n(cells(), next, 0.0f);
     for (std::size_t row = 1; row <= height; ++row) {
-      cells[row * stride] = cells[row * stride + stride - 2] = cells[row * stride + stride - 1] = 0;
+      float* const right = cells() + row * next + static_cast<std::size_t>(region_.width) + 1;
+      cells()[row * next] = right[0] = right[1] = 0;
     }
-    std::fill_n(cells + (height + 1) * stride, 2 * stride, 0.0f);
+    std::fill_n(cells() + (height + 1) * next, 2 * next, 0.0f);
   }
 
   // sum_k grad J(x'_k) · dx'_k/dtheta
@@ -194,8 +194,8 @@ class Evaluation {
     const VotePlaces& at = iwe_.places;
     for (std::size_t first = 0; first < points_.size(); first += chunk) {
       const std::size_t count = std::min(chunk, points_.size() - first);
-      kernels().sample_slopes(iwe_.cells.data(), grid_.stride(), at.cell.data() + first,
-                              at.right.data() + first, at.low.data() + first, count, dx.data(), dy.data());
+      kernels().sample_slopes(cells(), grid_.stride(), at.cell.data() + first, at.right.data() + first,
+                              at.low.data() + first, count, dx.data(), dy.data());
       kernels().add_gradient(field_, points_.x.data() + first, points_.y.data() + first,
                              points_.dt.data() + first, dx.data(), dy.data(), count, by_coefficient.data());
     }

@@ -49,16 +49,16 @@ float sample_iwe(const PointView& points, const MotionModel& model, const WarpFr
   grid.reset(region);
   workspace.places.resize(points.size());
   grid.vote(workspace.x, workspace.y, workspace.places);
-  workspace.cells.assign(grid.cell_count(), 0.0f);
+  workspace.cells.assign(VoteGrid::lead + grid.cell_count(), 0.0f);
+  float* const cells = workspace.cells.data() + VoteGrid::lead;
   const Region area = blurred_area(grid.voted(), region, taps);
   float peak = 0;
   take_blurred(
-      grid, area, taps, workspace.blur,
-      [&](int y) { return workspace.cells.data() + grid.cell_of(area.x0, y); },
+      grid, area, taps, workspace.blur, [&](int y) { return cells + grid.cell_of(area.x0, y); },
       [&](int, const float* row) {
         peak = std::max(peak, kernels().maximum(row, static_cast<std::size_t>(area.width)));
       });
-  sample_values(workspace.cells, grid.stride(), workspace.places, values);
+  sample_values(cells, grid.stride(), workspace.places, values);
   return peak;
 }
 

@@ -17,16 +17,17 @@ class RowBlur {
         taps_(taps),
         radius_(static_cast<int>(taps.size()) - 1),
         height_(2 * taps.size() - 1),
-        stride_((width + 15) / 16 * 16),
+        stride_(rounded_up(width, line_floats)),
+        margin_(rounded_up(taps.size() - 1, line_floats)),
         padded_(workspace.padded),
         rows_(workspace.rows) {
-    padded_.assign(width + 2 * taps.size(), 0.0f);
+    padded_.assign(2 * margin_ + stride_, 0.0f);
     rows_.assign(height_ * stride_, 0.0f);
     window_.resize(height_);
   }
 
   // Where the next row is to be written; zeros lie on either side of it.
-  float* input() { return padded_.data() + radius_; }
+  float* input() { return padded_.data() + margin_; }
 
   void push() {
     kernels_.filter_row(input(), width_, taps_.data(), radius_, slot(pushed_));
@@ -54,8 +55,9 @@ class RowBlur {
   int radius_;
   std::size_t height_;  // rows that the taps reach
   std::size_t stride_;
-  std::vector<float>& padded_;
-  std::vector<float>& rows_;
+  std::size_t margin_;  // zeros before the row and after it
+  LineFloats& padded_;
+  LineFloats& rows_;
   std::vector<const float*> window_;
   std::size_t pushed_ = 0;
 };

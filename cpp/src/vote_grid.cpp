@@ -8,12 +8,19 @@
 namespace emseg {
 
 void VoteGrid::reset(Region region) {
-  clear_rows(min_row_, max_row_);
+  for (int row = min_row_; row <= max_row_; ++row) clear(row, min_column_, max_column_ + 1);
   min_column_ = min_row_ = std::numeric_limits<int>::max();
   max_column_ = max_row_ = -1;
   region_ = region;
+  stride_ = static_cast<int>(rounded_up(static_cast<std::size_t>(region.width) + 3, line_floats));
   // Zero beyond what it had, as the rest is.
-  pairs_.resize(std::max(pairs_.size(), 2 * (cell_count() + static_cast<std::size_t>(stride()))));
+  pairs_.resize(std::max(pairs_.size(), 2 * (lead + cell_count() + static_cast<std::size_t>(stride_))));
+}
+
+// The first cell of a row; the row above the first can be read.
+float* VoteGrid::pairs_of(int cell_row) {
+  return pairs_.data() +
+         2 * (lead + static_cast<std::size_t>(cell_row + 1) * static_cast<std::size_t>(stride_));
 }
 
 void VoteGrid::vote(std::span<const float> x, std::span<const float> y, VotePlaces& places,
@@ -27,7 +34,7 @@ void VoteGrid::vote(std::span<const float> x, std::span<const float> y, VotePlac
                    places.low.data() + first, &box);
   min_column_ = box.min_column, max_column_ = box.max_column;
   min_row_ = box.min_row, max_row_ = box.max_row;
-  kernels().scatter(pairs_.data() + 2 * stride(), places.cell.data() + first, places.right.data() + first,
+  kernels().scatter(pairs_of(0), places.cell.data() + first, places.right.data() + first,
                     places.low.data() + first, n);
 }
 
@@ -41,27 +48,27 @@ Region VoteGrid::voted() const {
 
 void VoteGrid::take_row(int y, float* to) {
   const Region area = voted();
-  const float* const own = pairs_.data() + 2 * (cell_of(area.x0, y) + static_cast<std::size_t>(stride()));
-  kernels().fold(own, own - 2 * stride(), static_cast<std::size_t>(area.width), to);
-  // The row of cells above is needed no more; after the last row, none is.
-  const bool last = y + 1 == area.y0 + area.height;
-  clear_rows(y, last ? max_row_ : y);
-  if (last) reset(region_);
-}
-
-// Of cells; zero where votes have fallen.
-void VoteGrid::clear_rows(int first, int last) {
-  for (int row = first; row <= last; ++row) {
-    float* const cells =
-        pairs_.data() + 2 * static_cast<std::size_t>(row + 1) * static_cast<std::size_t>(stride());
-    std::fill(cells + 2 * min_column_, cells + 2 * (max_column_ + 2), 0.0f);
+  const int first = 2 * (area.x0 + 1);
+  kernels().fold(pairs_of(y + 1) + first, pairs_of(y) + first, static_cast<std::size_t>(area.width), to);
+  // The row of cells above is needed no more, and those of its pixels are zero again; after the last row,
+  // none is.
+  if (y + 1 < area.y0 + area.height) {
+    clear(y, min_column_, area.x0);
+    clear(y, area.x0 + area.width + 1, max_column_ + 1);
+  } else {
+    for (int row = y; row <= max_row_; ++row) clear(row, min_column_, max_column_ + 1);
+    reset(region_);
   }
 }
 
-void sample_values(std::span<const float> cells, int stride, const VotePlaces& places,
-                   std::span<float> values) {
+void VoteGrid::clear(int cell_row, int first, int last) {
+  float* const pairs = pairs_of(cell_row);
+  for (int i = 2 * first; i < 2 * (last + 1); ++i) pairs[i] = 0;
+}
+
+void sample_values(const float* cells, int stride, const VotePlaces& places, std::span<float> values) {
   assert(values.size() == places.size());
-  kernels().sample_values(cells.data(), stride, places.cell.data(), places.right.data(), places.low.data(),
+  kernels().sample_values(cells, stride, places.cell.data(), places.right.data(), places.low.data(),
                           places.size(), values.data());
 }
 

@@ -30,10 +30,10 @@ struct ContrastResult {
 };
 
 struct ContrastWorkspace {
-  IweWorkspace iwe;           // its cells hold the derivative of the value by each vote
-  std::vector<float> padded;  // one row of the blurred image, with zeros on either side
-  std::vector<float> rows;    // the blurred image, blurred once more along its rows
-  Image image, adjoint;       // of the gradient magnitude alone
+  IweWorkspace iwe;      // its cells hold the derivative of the value by each vote
+  LineFloats padded;     // one row of the blurred image, with zeros on either side
+  LineFloats rows;       // the blurred image, blurred once more along its rows
+  Image image, adjoint;  // of the gradient magnitude alone
 };
 
 // Contrast of the points' IWE over `region`.

@@ -89,8 +89,8 @@ struct IweWorkspace {
   VoteGrid grid;
   VotePlaces places;
   BlurWorkspace blur;
-  std::vector<float> x, y;   // warped places
-  std::vector<float> cells;  // the blurred image with a border
+  std::vector<float> x, y;  // warped places
+  LineFloats cells;         // the blurred image with a border
 };
 
 // The blurred IWE of all points under a model, over image.region.

@@ -5,6 +5,7 @@
 
 #include "emseg/data_term.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/velocity_sweep.hpp"
 
 namespace emseg {
 

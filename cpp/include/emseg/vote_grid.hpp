@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "emseg/aligned.hpp"
 #include "emseg/image.hpp"
 
 namespace emseg {
@@ -45,10 +46,12 @@ class VoteGrid {
   void take_row(int y, float* to);
 
   // The region's cells, with a border on every side.
-  int stride() const { return region_.width + 3; }
+  int stride() const { return stride_; }
   std::size_t cell_count() const {
     return static_cast<std::size_t>(stride()) * (static_cast<std::size_t>(region_.height) + 3);
   }
+  // Cells before the first, so that the pixels of a row begin at a cache line.
+  static constexpr std::size_t lead = line_floats - 1;
   // Of a pixel counted from the region's first.
   std::size_t cell_of(int x, int y) const {
     return static_cast<std::size_t>(y + 1) * static_cast<std::size_t>(stride()) +
@@ -56,10 +59,13 @@ class VoteGrid {
   }
 
  private:
-  void clear_rows(int first, int last);
+  void clear(int cell_row, int first, int last);  // cells first .. last
+
+  float* pairs_of(int cell_row);
 
   Region region_;
-  std::vector<float> pairs_;  // one row above the cells, then two floats a cell; zero between uses
+  int stride_ = 0;
+  LineFloats pairs_;  // two floats a cell, zero where no vote is; with a row above the first
   // Of the cells that were voted for: inclusive.
   int min_column_ = std::numeric_limits<int>::max(), max_column_ = -1;
   int min_row_ = std::numeric_limits<int>::max(), max_row_ = -1;
@@ -67,7 +73,6 @@ class VoteGrid {
 
 // Bilinear interpolation, at places of a grid over its region, in an image of the grid's cells whose border
 // is zero; and the slopes of the interpolation.
-void sample_values(std::span<const float> cells, int stride, const VotePlaces& places,
-                   std::span<float> values);
+void sample_values(const float* cells, int stride, const VotePlaces& places, std::span<float> values);
 
 }  // namespace emseg

@@ -36,6 +36,12 @@ struct CellGrid {
   std::int32_t stride = 0;
 };
 
+// Patches that votes of pairs are added up over: displacements of up to patch_reach px either way, with a
+// last column that does not count.
+constexpr int patch_reach = 15;
+constexpr int patch_rows = 2 * patch_reach + 1;
+constexpr int patch_columns = 2 * patch_reach + 2;
+
 struct KernelTable {
   // Warped places of n points.
   void (*warp)(const WarpField& field, const float* x, const float* y, const float* dt, std::size_t n,
@@ -52,8 +58,8 @@ struct KernelTable {
   void (*scatter)(float* pairs, const std::int32_t* cell, const float* right, const float* low,
                   std::size_t n);
 
-  // A row of the image from two rows of pairs: own[2 i] + above[2 i + 1].
-  void (*fold)(const float* own, const float* above, std::size_t n, float* row);
+  // A row of the image from two rows of pairs: own[2 i] + above[2 i + 1].  The pairs above become zero.
+  void (*fold)(const float* own, float* above, std::size_t n, float* row);
 
   // Bilinear interpolation in an image of cells, and its slopes.
   void (*sample_values)(const float* image, std::int32_t stride, const std::int32_t* cell, const float* right,
@@ -71,6 +77,10 @@ struct KernelTable {
   void (*filter_row)(const float* row, std::size_t n, const float* taps, int radius, float* filtered);
   void (*filter_rows)(const float* const* rows, std::size_t n, const float* taps, int radius,
                       float* filtered);
+
+  // sums += the patch of an image that begins at each place.
+  void (*add_patches)(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places,
+                      std::size_t n, std::uint16_t* sums);
 
   // Sum of the elements, and of their squares.
   void (*add_sums)(const float* row, std::size_t n, double* sum, double* square);

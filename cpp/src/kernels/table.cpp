@@ -13,6 +13,7 @@ const KernelTable table{
     .add_gradient = add_gradient,
     .filter_row = filter_row,
     .filter_rows = filter_rows,
+    .add_patches = add_patches,
     .add_sums = add_sums,
     .subtract_scaled = subtract_scaled,
     .maximum = maximum,

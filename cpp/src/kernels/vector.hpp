@@ -17,6 +17,7 @@ constexpr std::size_t lanes = 4;
 #endif
 
 typedef float Floats __attribute__((vector_size(4 * lanes)));
+typedef std::int32_t Ints __attribute__((vector_size(4 * lanes)));
 
 inline Floats load(const float* from) {
   Floats value;
@@ -33,12 +34,14 @@ class BlockSum {
   // Elements i .. i + lanes - 1 of a block.
   void add(std::size_t i, Floats values) { parts_[i / lanes] += values; }
 
+  // Halves are added until one is left.
   double total() const {
-    double sum = 0;
-    for (const Floats& part : parts_) {
-      for (std::size_t i = 0; i < lanes; ++i) sum += static_cast<double>(part[i]);
+    float each[block];
+    for (std::size_t i = 0; i < block; i += lanes) store(each + i, parts_[i / lanes]);
+    for (std::size_t half = block / 2; half > 0; half /= 2) {
+      for (std::size_t i = 0; i < half; ++i) each[i] += each[i + half];
     }
-    return sum;
+    return static_cast<double>(each[0]);
   }
 
  private:

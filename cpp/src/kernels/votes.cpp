@@ -4,33 +4,74 @@
 
 namespace emseg::EMSEG_SIMD_LEVEL {
 
+namespace {
+
+// Of a vector of places: where they vote, and the columns and rows of cells that are touched.
+struct Locator {
+  const CellGrid& grid;
+  Ints min_column, max_column, min_row, max_row;
+
+  Locator(const CellGrid& cells, const CellBox& box)
+      : grid(cells),
+        min_column(Ints{} + box.min_column),
+        max_column(Ints{} + box.max_column),
+        min_row(Ints{} + box.min_row),
+        max_row(Ints{} + box.max_row) {}
+
+  void operator()(const float* x, const float* y, std::int32_t* cell, float* right, float* low) {
+    const Floats u = load(x) - grid.x0;
+    const Floats v = load(y) - grid.y0;
+    // Also false for NaN, so that the conversion to int is always defined.
+    const Ints inside = (u > -1) & (v > -1) & (u < grid.width) & (v < grid.height);
+    const Floats bounded_u = inside ? u : Floats{} - 1;
+    const Floats bounded_v = inside ? v : Floats{} - 1;
+    const Ints column = __builtin_convertvector(bounded_u + 1, Ints);  // one more than the floor of u
+    const Ints row = __builtin_convertvector(bounded_v + 1, Ints);
+    const Ints at = row * grid.stride + column;
+    __builtin_memcpy(cell, &at, sizeof at);
+    store(right, bounded_u - __builtin_convertvector(column - 1, Floats));
+    store(low, bounded_v - __builtin_convertvector(row - 1, Floats));
+    min_column = (inside & (column < min_column)) ? column : min_column;
+    max_column = (inside & (column > max_column)) ? column : max_column;
+    min_row = (inside & (row < min_row)) ? row : min_row;
+    max_row = (inside & (row > max_row)) ? row : max_row;
+  }
+
+  CellBox box() const {
+    CellBox all{min_column[0], max_column[0], min_row[0], max_row[0]};
+    for (std::size_t i = 1; i < lanes; ++i) {
+      all.min_column = min_column[i] < all.min_column ? min_column[i] : all.min_column;
+      all.max_column = max_column[i] > all.max_column ? max_column[i] : all.max_column;
+      all.min_row = min_row[i] < all.min_row ? min_row[i] : all.min_row;
+      all.max_row = max_row[i] > all.max_row ? max_row[i] : all.max_row;
+    }
+    return all;
+  }
+};
+
+}  // namespace
+
 void locate(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t* cell,
             float* right, float* low, CellBox* box) {
-  const float x0 = grid.x0, y0 = grid.y0, width = grid.width, height = grid.height;
-  const std::int32_t stride = grid.stride;
-  CellBox grown = *box;
-  std::int32_t min_column = grown.min_column, max_column = grown.max_column;
-  std::int32_t min_row = grown.min_row, max_row = grown.max_row;
-  for (std::size_t k = 0; k < n; ++k) {
-    const float u = x[k] - x0;
-    const float v = y[k] - y0;
-    // Also false for NaN, so that the conversion to int is always defined.
-    const bool inside = (u > -1) & (v > -1) & (u < width) & (v < height);
-    const float bounded_u = inside ? u : -1.0f;
-    const float bounded_v = inside ? v : -1.0f;
-    const auto column = static_cast<std::int32_t>(bounded_u + 1);  // of cells: one more than the floor of u
-    const auto row = static_cast<std::int32_t>(bounded_v + 1);
-    cell[k] = row * stride + column;
-    right[k] = bounded_u - static_cast<float>(column - 1);
-    low[k] = bounded_v - static_cast<float>(row - 1);
-    const std::int32_t low_column = inside ? column : min_column, low_row = inside ? row : min_row;
-    min_column = low_column < min_column ? low_column : min_column;
-    min_row = low_row < min_row ? low_row : min_row;
-    const std::int32_t high_column = inside ? column : -1, high_row = inside ? row : -1;
-    max_column = high_column > max_column ? high_column : max_column;
-    max_row = high_row > max_row ? high_row : max_row;
+  Locator locator(grid, *box);
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) locator(x + k, y + k, cell + k, right + k, low + k);
+  if (k < n) {
+    // Outside, what is not a place.
+    float last_x[lanes], last_y[lanes], last_right[lanes], last_low[lanes];
+    std::int32_t last_cell[lanes];
+    for (std::size_t i = 0; i < lanes; ++i) {
+      last_x[i] = k + i < n ? x[k + i] : __builtin_inff();
+      last_y[i] = k + i < n ? y[k + i] : __builtin_inff();
+    }
+    locator(last_x, last_y, last_cell, last_right, last_low);
+    for (std::size_t i = 0; k + i < n; ++i) {
+      cell[k + i] = last_cell[i];
+      right[k + i] = last_right[i];
+      low[k + i] = last_low[i];
+    }
   }
-  *box = {min_column, max_column, min_row, max_row};
+  *box = locator.box();
 }
 
 void scatter(float* pairs, const std::int32_t* cell, const float* right, const float* low, std::size_t n) {
@@ -48,25 +89,25 @@ void scatter(float* pairs, const std::int32_t* cell, const float* right, const f
   }
 }
 
-void fold(const float* own, const float* above, std::size_t n, float* row) {
+void fold(const float* own, float* above, std::size_t n, float* row) {
   for (std::size_t i = 0; i < n; ++i) row[i] = own[2 * i] + above[2 * i + 1];
+  // While they are in the first-level cache.
+  for (std::size_t i = 0; i < 2 * n; ++i) above[i] = 0;
 }
 
 namespace {
 
-// The four pixels around each of up to `chunk` places, gathered so that the arithmetic runs in vectors.
+// The four pixels around each of up to `chunk` places, gathered so that the arithmetic runs in vectors: left
+// and right in turn.
 constexpr std::size_t chunk = 64;
 
 struct Corners {
-  float top_left[chunk], top_right[chunk], bottom_left[chunk], bottom_right[chunk];
+  float top[2 * chunk], bottom[2 * chunk];
 
   void gather(const float* image, std::int32_t stride, const std::int32_t* cell, std::size_t n) {
     for (std::size_t k = 0; k < n; ++k) {
-      const float* const top = image + cell[k];
-      top_left[k] = top[0];
-      top_right[k] = top[1];
-      bottom_left[k] = top[stride];
-      bottom_right[k] = top[stride + 1];
+      __builtin_memcpy(top + 2 * k, image + cell[k], 2 * sizeof(float));
+      __builtin_memcpy(bottom + 2 * k, image + cell[k] + stride, 2 * sizeof(float));
     }
   }
 };
@@ -80,8 +121,8 @@ void sample_values(const float* image, std::int32_t stride, const std::int32_t* 
     const std::size_t count = n - first < chunk ? n - first : chunk;
     at.gather(image, stride, cell + first, count);
     for (std::size_t k = 0; k < count; ++k) {
-      const float top = at.top_left[k] + right[first + k] * (at.top_right[k] - at.top_left[k]);
-      const float bottom = at.bottom_left[k] + right[first + k] * (at.bottom_right[k] - at.bottom_left[k]);
+      const float top = at.top[2 * k] + right[first + k] * (at.top[2 * k + 1] - at.top[2 * k]);
+      const float bottom = at.bottom[2 * k] + right[first + k] * (at.bottom[2 * k + 1] - at.bottom[2 * k]);
       value[first + k] = top + low[first + k] * (bottom - top);
     }
   }
@@ -94,10 +135,29 @@ void sample_slopes(const float* image, std::int32_t stride, const std::int32_t* 
     const std::size_t count = n - first < chunk ? n - first : chunk;
     at.gather(image, stride, cell + first, count);
     for (std::size_t k = 0; k < count; ++k) {
-      const float along_top = at.top_right[k] - at.top_left[k];
-      const float along_bottom = at.bottom_right[k] - at.bottom_left[k];
+      const float along_top = at.top[2 * k + 1] - at.top[2 * k];
+      const float along_bottom = at.bottom[2 * k + 1] - at.bottom[2 * k];
       dx[first + k] = along_top + low[first + k] * (along_bottom - along_top);
-      dy[first + k] = (at.bottom_left[k] - at.top_left[k]) + right[first + k] * (along_bottom - along_top);
+      dy[first + k] = (at.bottom[2 * k] - at.top[2 * k]) + right[first + k] * (along_bottom - along_top);
+    }
+  }
+}
+
+void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places, std::size_t n,
+                 std::uint16_t* sums) {
+  typedef std::uint16_t Counts __attribute__((vector_size(4 * lanes)));
+  constexpr int wide = static_cast<int>(2 * lanes);
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::uint16_t* patch = image + places[k];
+    for (int row = 0; row < patch_rows; ++row, patch += stride) {
+      for (int column = 0; column < patch_columns; column += wide) {
+        std::uint16_t* const to = sums + row * patch_columns + column;
+        Counts counts, sum;
+        __builtin_memcpy(&counts, patch + column, sizeof counts);
+        __builtin_memcpy(&sum, to, sizeof sum);
+        sum += counts;
+        __builtin_memcpy(to, &sum, sizeof sum);
+      }
     }
   }
 }
