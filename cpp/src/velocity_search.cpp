@@ -71,7 +71,7 @@ class PairSearch {
         padded_(expanded(plane, margin, margin)),
         pixels_(padded_.area()) {}
 
-  // Displacements between events `lag` apart, once moved back by a velocity.
+  // Displacements between events `lag` apart beyond those of a velocity.
   const Displacements& displacements(double lag, double vx, double vy) {
     counts_.fill(0);
     const double first = points_.dt.front(), window = points_.dt.back() - first;
@@ -88,13 +88,14 @@ class PairSearch {
       const auto [a, a_end] = between(start, start + slice);
       const auto [b, b_end] = between(start + lag, start + lag + slice);
       if (a == a_end || b == b_end) continue;
+      const double middle = start + 0.5 * slice;
       for (const bool polarity : {false, true}) {
-        moved(b, b_end, polarity, vx, vy, start + lag + 0.5 * slice, later_);
+        moved(b, b_end, polarity, vx, vy, middle, later_);
         for (const std::int32_t at : later_) {
           auto& count = pixels_[static_cast<std::size_t>(at)];
           count = std::min<std::uint16_t>(most_at_pixel, static_cast<std::uint16_t>(count + 1));
         }
-        moved(a, a_end, polarity, vx, vy, start + 0.5 * slice, earlier_);
+        moved(a, a_end, polarity, vx, vy, middle, earlier_);
         if (earlier_.size() > budget) earlier_.resize(budget);
         budget -= earlier_.size();
         for (std::int32_t& at : earlier_) at -= reach * padded_.width + reach;  // where its patch begins
