@@ -93,8 +93,7 @@ class TileGrid {
       const auto column = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? u : 0));
       const auto row = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? v : 0));
       const std::uint32_t tile = row / tile_cells * columns + column / tile_cells;
-      const std::uint32_t cell =
-          tile * cells_per_tile + row % tile_cells * tile_cells + column % tile_cells;
+      const std::uint32_t cell = tile * cells_per_tile + row % tile_cells * tile_cells + column % tile_cells;
       cell_of_event[k] = inside ? cell + first_cell[k] : outside;
     }
     std::uint16_t* const cells = workspace.cells.data();
