@@ -148,7 +148,7 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     Eigen::VectorXd next_u;
     Evaluation next{};
     bool risen = false;
-    while (step * direction.norm() >= 0.2 * options.tolerance) {
+    while (step * direction.norm() >= options.tolerance) {
       const MotionModel trial =
           clamp_motion(units.model_at(kind, u + step * direction), options.bounds, frame);
       next_u = units.pixels_of(trial);
@@ -205,6 +205,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
                                           MotionKind kind, const WarpFrame& frame, Region plane,
                                           double max_speed) {
   constexpr int parts = 4;
+  constexpr std::size_t events_per_part = 300;  // that look for partners
   struct Part {
     Points points;
     std::vector<std::uint8_t> positive;
@@ -226,7 +227,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
       const Part& part = members[static_cast<std::size_t>(j * parts + i)];
       const Region area{plane.x0 + plane.width * i / parts, plane.y0 + plane.height * j / parts,
                         plane.width / parts + 1, plane.height / parts + 1};
-      const auto found = find_velocities(part.points.view(), part.positive, area, max_speed);
+      const auto found = find_velocities(part.points.view(), part.positive, area, max_speed, events_per_part);
       if (found.empty()) continue;
       const auto x = static_cast<float>(area.x0 + 0.5 * (area.width - 1));
       const auto y = static_cast<float>(area.y0 + 0.5 * (area.height - 1));
@@ -256,7 +257,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
 std::vector<MotionModel> promising(std::vector<MotionModel> starts, const PointView& points,
                                    std::span<const std::uint8_t> positive, const WarpFrame& frame,
                                    Region plane) {
-  constexpr std::size_t events = 4000;  // that tell starts apart
+  constexpr std::size_t events = 2000;  // that tell starts apart
   constexpr double share = 0.8;         // of the best's pairs
   constexpr std::size_t most = 3;
   constexpr double apart = 0.5;  // px; nearer starts lead to one end

@@ -10,7 +10,7 @@ namespace emseg {
 namespace {
 
 constexpr int reach = patch_reach;          // px that a displacement is looked for, either way
-constexpr std::size_t most_events = 1500;   // that look for partners at each lag
+constexpr std::size_t most_events = 8000;   // that may look for partners at each lag
 constexpr int slices_per_lag = 8;           // a motion of `reach` px a lag smears a slice over two pixels
 constexpr std::uint16_t most_at_pixel = 8;  // more do not count: a hot pixel is not a motion
 constexpr double least_significance = 6;    // the largest by chance, among all displacements, is about 4
@@ -65,9 +65,11 @@ std::vector<Peak> peaks_of(const Displacements& counts, int limit, std::size_t m
 
 class PairSearch {
  public:
-  PairSearch(const PointView& points, std::span<const std::uint8_t> positive, Region plane)
+  PairSearch(const PointView& points, std::span<const std::uint8_t> positive, Region plane,
+             std::size_t max_events)
       : points_(points),
         positive_(positive),
+        max_events_(std::min(max_events, most_events)),
         padded_(expanded(plane, margin, margin)),
         pixels_(padded_.area()) {}
 
@@ -81,8 +83,9 @@ class PairSearch {
     const double share = (window - lag) / window;
     const double expected =
         std::max(1.0, static_cast<double>(points_.size()) * share / static_cast<double>(slices));
-    const auto used = std::clamp<std::size_t>(static_cast<std::size_t>(most_events / expected), 1, slices);
-    std::size_t budget = most_events;
+    const auto used = std::clamp<std::size_t>(
+        static_cast<std::size_t>(static_cast<double>(max_events_) / expected), 1, slices);
+    std::size_t budget = max_events_;
     for (std::size_t s = 0; s < used && budget > 0; ++s) {
       const double start = first + static_cast<double>((2 * s + 1) * slices / (2 * used)) * slice;
       const auto [a, a_end] = between(start, start + slice);
@@ -140,6 +143,7 @@ class PairSearch {
 
   const PointView& points_;
   std::span<const std::uint8_t> positive_;
+  std::size_t max_events_;
   Region padded_;
   std::vector<std::uint16_t> pixels_;
   std::vector<std::int32_t> earlier_, later_;
@@ -149,7 +153,7 @@ class PairSearch {
 }  // namespace
 
 std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<const std::uint8_t> positive,
-                                           Region plane, double max_speed) {
+                                           Region plane, double max_speed, std::size_t max_events) {
   std::vector<FoundVelocity> found;
   if (points.size() < 2) return found;
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
@@ -158,7 +162,7 @@ std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<co
   constexpr std::size_t most_lags = 16;
   while (lags.back() * max_speed > reach && lags.size() < most_lags) lags.push_back(lags.back() / 3);
 
-  PairSearch search(points, positive, plane);
+  PairSearch search(points, positive, plane, max_events);
   for (std::size_t j = 0; j < lags.size(); ++j) {
     const int limit = static_cast<int>(std::min<double>(reach, std::ceil(max_speed * lags[j]) + 1));
     for (const Peak& peak : peaks_of(search.displacements(lags[j], 0, 0), limit, most_velocities)) {
