@@ -27,6 +27,8 @@ __all__: list[str] = [
     "iwe",
     "labeling_energy",
     "max_flow",
+    "simd_level",
+    "simd_levels",
     "sweep_velocities",
     "version",
     "warp",
@@ -143,6 +145,7 @@ class SegmenterOptions:
         num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
         num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
         sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        max_events: typing.SupportsInt | typing.SupportsIndex | None = 60000,
         mark_noise: bool = True,
         threads: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None:
@@ -172,6 +175,8 @@ class SegmenterOptions:
     @property
     def mark_noise(self) -> bool: ...
     @property
+    def max_events(self) -> int | None: ...
+    @property
     def num_iter_labeling(self) -> int: ...
     @property
     def num_iter_segmentation(self) -> int: ...
@@ -198,6 +203,8 @@ class Segmentation:
     def reference_sharpness(self) -> float: ...
     @property
     def t_ref(self) -> int: ...
+    @property
+    def thinned(self) -> int: ...
     @property
     def timings(self) -> list[tuple[str, float]]: ...
 
@@ -397,6 +404,16 @@ def max_flow(
 ) -> tuple[int, numpy.typing.NDArray[numpy.uint8]]:
     """
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
+    """
+
+def simd_level() -> str:
+    """
+    Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.
+    """
+
+def simd_levels() -> list[str]:
+    """
+    Levels that this processor runs, ascending.
     """
 
 def sweep_velocities(
