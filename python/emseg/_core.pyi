@@ -17,6 +17,7 @@ __all__: list[str] = [
     "Segmenter",
     "SegmenterOptions",
     "WarpFrame",
+    "band_expansion",
     "check_events",
     "contrast",
     "delaunay_edges",
@@ -143,6 +144,7 @@ class SegmenterOptions:
         num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
         num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
         sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        max_events: typing.SupportsInt | typing.SupportsIndex | None = 60000,
         mark_noise: bool = True,
         threads: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None:
@@ -172,6 +174,8 @@ class SegmenterOptions:
     @property
     def mark_noise(self) -> bool: ...
     @property
+    def max_events(self) -> int | None: ...
+    @property
     def num_iter_labeling(self) -> int: ...
     @property
     def num_iter_segmentation(self) -> int: ...
@@ -198,6 +202,8 @@ class Segmentation:
     def reference_sharpness(self) -> float: ...
     @property
     def t_ref(self) -> int: ...
+    @property
+    def thinned(self) -> int: ...
     @property
     def timings(self) -> list[tuple[str, float]]: ...
 
@@ -241,6 +247,22 @@ class Segmenter:
         """
         One past the last event of a window of this duration; 0 is judged from the events.
         """
+
+def band_expansion(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int32],
+    smooth_cost: typing.SupportsInt | typing.SupportsIndex,
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    initial: numpy.typing.NDArray[numpy.int32],
+) -> tuple[numpy.typing.NDArray[numpy.int32], int]:
+    """
+    Labels of a window from coarse to fine, and their energy; unary is (labels, events).
+    """
 
 def check_events(
     x: numpy.typing.NDArray[numpy.uint16],
