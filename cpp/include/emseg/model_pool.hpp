@@ -5,7 +5,7 @@
 
 #include "emseg/data_term.hpp"
 #include "emseg/motion_fit.hpp"
-#include "emseg/velocity_sweep.hpp"
+#include "emseg/region_velocities.hpp"
 
 namespace emseg {
 
@@ -13,7 +13,7 @@ struct PoolOptions {
   int bracket_row = 6;                                    // h = 1..bracket_row sub-volumes down the image
   int bracket_col = 6;                                    // and as many across
   std::vector<MotionKind> kinds{MotionKind::similarity};  // kinds that a label may have
-  SweepOptions sweep;
+  RegionVelocityOptions search;
   RefineOptions refine;
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
