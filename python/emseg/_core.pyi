@@ -28,7 +28,6 @@ __all__: list[str] = [
     "iwe",
     "labeling_energy",
     "max_flow",
-    "sweep_velocities",
     "version",
     "warp",
     "windows_by_count",
@@ -419,23 +418,6 @@ def max_flow(
 ) -> tuple[int, numpy.typing.NDArray[numpy.uint8]]:
     """
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
-    """
-
-def sweep_velocities(
-    x: numpy.typing.NDArray[numpy.float32],
-    y: numpy.typing.NDArray[numpy.float32],
-    dt: numpy.typing.NDArray[numpy.float32],
-    p: numpy.typing.NDArray[numpy.uint8],
-    width: typing.SupportsInt | typing.SupportsIndex,
-    height: typing.SupportsInt | typing.SupportsIndex,
-    regions: collections.abc.Sequence[
-        typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(4)"]
-    ],
-    max_speed: typing.SupportsFloat | typing.SupportsIndex,
-    threads: typing.SupportsInt | typing.SupportsIndex,
-) -> list[list[typing.Annotated[list[float], "FixedSize(3)"]]]:
-    """
-    Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.
     """
 
 def warp(
