@@ -2,6 +2,7 @@
 
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/simd.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
@@ -37,6 +38,18 @@ void check_polarities(const PointView& points, const Array<std::uint8_t>& p) {
 }  // namespace
 
 void bind_motion(py::module_& m) {
+  m.def(
+      "simd_level", [] { return std::string(name_of(simd_level())); },
+      "Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.");
+  m.def(
+      "simd_levels",
+      [] {
+        std::vector<std::string> names;
+        for (const SimdLevel level : simd_levels()) names.emplace_back(name_of(level));
+        return names;
+      },
+      "Levels that this processor runs, ascending.");
+
   py::class_<WarpFrame>(m, "WarpFrame",
                         "What warps are relative to: image centre, normalising length, intrinsics.")
       .def(py::init([](int width, int height) { return make_warp_frame(checked_size(width, height)); }),

@@ -188,11 +188,11 @@ class PoolSearch {
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);
-      const MotionModel start = scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
-      const FitResult fit =
-          refine_motion(cluster.view(), start, half_frame_,
-                        fit_region(cluster.view(), start, half_frame_, halved(plane_)), coarse,
-                        contrast_workspaces_[static_cast<std::size_t>(worker)]);
+      const MotionModel start =
+          scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
+      const FitResult fit = refine_motion(cluster.view(), start, half_frame_,
+                                          fit_region(cluster.view(), start, half_frame_, halved(plane_)),
+                                          coarse, contrast_workspaces_[static_cast<std::size_t>(worker)]);
       models[i] = scaled(fit.model, 2);
     });
     return models;
@@ -244,8 +244,8 @@ class PoolSearch {
   std::vector<std::uint8_t> event_costs(int reference) const {
     std::vector<std::uint8_t> costs(count_levels);
     for (int count = 0; count < count_levels; ++count) {
-      costs[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(std::lround(
-          event_cost(options_.term, static_cast<float>(count), static_cast<float>(reference))));
+      costs[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(
+          std::lround(event_cost(options_.term, static_cast<float>(count), static_cast<float>(reference))));
     }
     return costs;
   }

@@ -51,8 +51,8 @@ std::vector<Peak> peaks_of(const Displacements& votes, int limit, std::size_t mo
       const std::uint32_t* const above = &votes[index(dx - 1, dy - 1)];
       const std::uint32_t* const own = above + patch_columns;
       const std::uint32_t* const below = own + patch_columns;
-      const std::uint32_t highest = std::max({above[0], above[1], above[2], own[0], own[2], below[0], below[1],
-                                              below[2]});
+      const std::uint32_t highest =
+          std::max({above[0], above[1], above[2], own[0], own[2], below[0], below[1], below[2]});
       if (highest > middle) continue;
       double sum = 0, along_x = 0, along_y = 0;
       for (int j = -1; j <= 1; ++j) {
@@ -199,8 +199,8 @@ class EventPairs {
       }
       if (w.later.empty()) continue;
       for (std::size_t k = events.at(start), last = events.at(start + slice); k < last; ++k) {
-        const std::int32_t pixel = pixel_at(events.x[k] - (events.dt[k] - middle) * u,
-                                            events.y[k] - (events.dt[k] - middle) * v);
+        const std::int32_t pixel =
+            pixel_at(events.x[k] - (events.dt[k] - middle) * u, events.y[k] - (events.dt[k] - middle) * v);
         if (pixel >= 0) use(events.tile[k], pixel - reach * padded_.width - reach);
       }
       for (const std::int32_t pixel : w.later) w.pixels[static_cast<std::size_t>(pixel)] = 0;
@@ -253,7 +253,8 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
   std::vector<EventPairs::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
   std::vector<std::vector<std::uint16_t>> votes(2 * lags.size());
   pool.for_each(votes.size(), [&](std::size_t task, int worker) {
-    pairs.vote(lags[task / 2], task % 2 == 1, options.max_voters, workspaces[static_cast<std::size_t>(worker)], votes[task]);
+    pairs.vote(lags[task / 2], task % 2 == 1, options.max_voters,
+               workspaces[static_cast<std::size_t>(worker)], votes[task]);
   });
 
   // Peaks of every region, for every lag.
@@ -295,17 +296,21 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
         found[r].push_back({clamped(peak.dx / lags[0]), clamped(peak.dy / lags[0]), peak.significance});
       continue;
     }
-    std::stable_sort(all.begin(), all.end(),
-                     [](const Found& a, const Found& b) { return a.peak.significance > b.peak.significance; });
+    std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) {
+      return a.peak.significance > b.peak.significance;
+    });
     std::vector<Found> leaders;
     const auto leader_of = [&](const Peak& peak) {
-      return static_cast<std::size_t>(
-          std::find_if(leaders.begin(), leaders.end(), [&](const Found& leader) {
-            return std::hypot(leader.peak.dx - peak.dx, leader.peak.dy - peak.dy) < 1;
-          }) - leaders.begin());
+      return static_cast<std::size_t>(std::find_if(leaders.begin(), leaders.end(),
+                                                   [&](const Found& leader) {
+                                                     return std::hypot(leader.peak.dx - peak.dx,
+                                                                       leader.peak.dy - peak.dy) < 1;
+                                                   }) -
+                                      leaders.begin());
     };
     for (const Found& one : all) {
-      if (leaders.size() < options.max_followed && leader_of(one.peak) == leaders.size()) leaders.push_back(one);
+      if (leaders.size() < options.max_followed && leader_of(one.peak) == leaders.size())
+        leaders.push_back(one);
     }
     std::vector<std::optional<RegionVelocity>> followed(leaders.size());
     pool.for_each(leaders.size(), [&](std::size_t i, int worker) {
@@ -330,9 +335,9 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
     }
   }
   for (auto& velocities : found) {
-    std::stable_sort(velocities.begin(), velocities.end(), [](const RegionVelocity& a, const RegionVelocity& b) {
-      return a.significance > b.significance;
-    });
+    std::stable_sort(
+        velocities.begin(), velocities.end(),
+        [](const RegionVelocity& a, const RegionVelocity& b) { return a.significance > b.significance; });
     if (velocities.size() > options.per_region) velocities.resize(options.per_region);
   }
   return found;

@@ -28,6 +28,8 @@ __all__: list[str] = [
     "iwe",
     "labeling_energy",
     "max_flow",
+    "simd_level",
+    "simd_levels",
     "version",
     "warp",
     "windows_by_count",
@@ -418,6 +420,16 @@ def max_flow(
 ) -> tuple[int, numpy.typing.NDArray[numpy.uint8]]:
     """
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
+    """
+
+def simd_level() -> str:
+    """
+    Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.
+    """
+
+def simd_levels() -> list[str]:
+    """
+    Levels that this processor runs, ascending.
     """
 
 def warp(

@@ -34,9 +34,9 @@ struct PoolOptions {
 std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 
 // The motions that together explain the window's events for the least cost: data cost plus lambda_label a
-// model. The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over
-// blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the events of their
-// blocks and chosen again. Never empty.  Deterministic for any number of threads.
+// model. The candidates of all sub-volumes come from one pass over pairs of events; a greedy facility
+// location over blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the
+// events of their blocks and chosen again. Never empty.  Deterministic for any number of threads.
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool);

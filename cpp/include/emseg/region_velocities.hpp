@@ -28,7 +28,7 @@ struct RegionVelocityOptions {
   std::size_t max_followed = 8;     // velocities of a short lag that are followed back
   std::size_t max_voters = 8000;    // events whose displacements to later ones count, at each lag
   std::size_t max_followers = 800;  // and where a velocity is followed back
-  double least_significance = 5;     // the largest of all displacements by chance is about 4
+  double least_significance = 5;    // the largest of all displacements by chance is about 4
 };
 
 constexpr int velocity_tile = 32;  // px; regions are rounded to whole tiles, at least one
