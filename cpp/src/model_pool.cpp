@@ -53,6 +53,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   for (const auto& found : find_region_velocities(points, positive, regions, plane, options.search, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
   }
+  if (proposals.empty()) return {};
   std::stable_sort(proposals.begin(), proposals.end(), [](const RegionVelocity& a, const RegionVelocity& b) {
     return a.significance > b.significance;
   });
