@@ -114,7 +114,7 @@ void Alternation::drop_unused() {
   for (std::int32_t& label : labels_) label = position[static_cast<std::size_t>(label)];
   for (std::int32_t& label : refitted_labels_) label = position[static_cast<std::size_t>(label)];
   const std::int64_t before = data_cost();
-  set_reference(reference_with(0, supports_[0]));
+  if (options_.term == DataTerm::published) set_reference(reference_with(0, supports_[0]));
   trace_.push_back(energy() + data_cost() - before);
 }
 

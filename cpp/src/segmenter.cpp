@@ -172,7 +172,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.bracket_row = options_.bracket_row;
     pool.bracket_col = options_.bracket_col;
     pool.kinds = options_.kinds;
-    pool.sweep.max_speed = options_.bounds.speed;
+    pool.search.max_speed = options_.bounds.speed;
     pool.refine = refine;
     pool.term = options_.data_term;
     pool.lambda_data = options_.lambda_data;
