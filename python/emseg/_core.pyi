@@ -19,6 +19,7 @@ __all__: list[str] = [
     "Segmenter",
     "SegmenterOptions",
     "WarpFrame",
+    "band_expansion",
     "check_events",
     "contrast",
     "delaunay_edges",
@@ -31,7 +32,6 @@ __all__: list[str] = [
     "max_flow",
     "simd_level",
     "simd_levels",
-    "sweep_velocities",
     "version",
     "warp",
     "windows_by_count",
@@ -263,6 +263,22 @@ class Segmenter:
         One past the last event of a window of this duration; 0 is judged from the events.
         """
 
+def band_expansion(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int32],
+    smooth_cost: typing.SupportsInt | typing.SupportsIndex,
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    initial: numpy.typing.NDArray[numpy.int32],
+) -> tuple[numpy.typing.NDArray[numpy.int32], int]:
+    """
+    Labels of a window from coarse to fine, and their energy; unary is (labels, events).
+    """
+
 def check_events(
     x: numpy.typing.NDArray[numpy.uint16],
     y: numpy.typing.NDArray[numpy.uint16],
@@ -430,23 +446,6 @@ def simd_level() -> str:
 def simd_levels() -> list[str]:
     """
     Levels that this processor runs, ascending.
-    """
-
-def sweep_velocities(
-    x: numpy.typing.NDArray[numpy.float32],
-    y: numpy.typing.NDArray[numpy.float32],
-    dt: numpy.typing.NDArray[numpy.float32],
-    p: numpy.typing.NDArray[numpy.uint8],
-    width: typing.SupportsInt | typing.SupportsIndex,
-    height: typing.SupportsInt | typing.SupportsIndex,
-    regions: collections.abc.Sequence[
-        typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(4)"]
-    ],
-    max_speed: typing.SupportsFloat | typing.SupportsIndex,
-    threads: typing.SupportsInt | typing.SupportsIndex,
-) -> list[list[typing.Annotated[list[float], "FixedSize(3)"]]]:
-    """
-    Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.
     """
 
 def warp(
