@@ -1,5 +1,7 @@
 #include <pybind11/stl.h>
 
+#include <optional>
+
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/simd.hpp"
@@ -93,14 +95,14 @@ void bind_motion(py::module_& m) {
       "iwe",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
          const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
-         IweWorkspace* workspace) {
+         std::optional<IweWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         Image image(sensor_region(checked_size(width, height)));
         {
           py::gil_scoped_release release;
           IweWorkspace own;
-          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace ? *workspace : own);
+          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace ? **workspace : own);
         }
         return to_numpy(std::move(image.pixels), {height, width});
       },
@@ -112,7 +114,7 @@ void bind_motion(py::module_& m) {
       "contrast",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
          const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
-         const std::string& measure, ContrastWorkspace* workspace) {
+         const std::string& measure, std::optional<ContrastWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         const ContrastOptions options{contrast_measure(measure), sigma};
@@ -121,7 +123,8 @@ void bind_motion(py::module_& m) {
         {
           py::gil_scoped_release release;
           ContrastWorkspace own;
-          result = contrast_and_gradient(points, model, frame, region, options, workspace ? *workspace : own);
+          result =
+              contrast_and_gradient(points, model, frame, region, options, workspace ? **workspace : own);
         }
         const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
         return py::make_tuple(result.value, to_numpy(std::vector<double>(

@@ -302,7 +302,7 @@ def contrast(
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
     measure: str = "variance",
-    workspace: ContrastWorkspace = None,
+    workspace: ContrastWorkspace | None = None,
 ) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
     """
     Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
@@ -392,7 +392,7 @@ def iwe(
     width: typing.SupportsInt | typing.SupportsIndex,
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex,
-    workspace: IweWorkspace = None,
+    workspace: IweWorkspace | None = None,
 ) -> numpy.typing.NDArray[numpy.float32]:
     """
     Image of warped events, float32 (height, width). A workspace keeps its memory for the next call.
