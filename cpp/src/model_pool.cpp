@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <cstdlib>
 
 #include "emseg/count_image.hpp"
 #include "emseg/model_selection.hpp"
@@ -49,6 +48,7 @@ std::vector<Region> overlapping_tiles(Region plane, int side) {
 std::vector<MotionModel> propose_translations(const PointView& points, std::span<const std::uint8_t> positive,
                                               std::span<const Region> regions, Region plane,
                                               const PoolOptions& options, ThreadPool& pool) {
+  if (points.size() == 0) return {};
   std::vector<RegionVelocity> proposals;
   for (const auto& found : find_region_velocities(points, positive, regions, plane, options.search, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
@@ -335,7 +335,7 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
   }
   search.choose();
   // What is small, or new since the last window, shows where the others are taken away.
-  if(!std::getenv("NORES")){const Sample rest = search.unexplained();
+  if (!options.candidates.empty()) {const Sample rest = search.unexplained();
   search.add(propose_translations(rest.points.view(), rest.positive, tiles, plane, options, pool));
   search.choose();}
   // Coarse candidates stay in the race: better models free blocks that others explain.

@@ -12,7 +12,9 @@ import numpy.typing
 
 __all__: list[str] = [
     "Camera",
+    "ContrastWorkspace",
     "DistortionModel",
+    "IweWorkspace",
     "Segmentation",
     "Segmenter",
     "SegmenterOptions",
@@ -124,6 +126,18 @@ class WarpFrame:
     def cy(self) -> float: ...
     @property
     def f0(self) -> float: ...
+
+class IweWorkspace:
+    """
+    Memory of `iwe`, for one call at a time.
+    """
+    def __init__(self) -> None: ...
+
+class ContrastWorkspace:
+    """
+    Memory of `contrast`, for one call at a time.
+    """
+    def __init__(self) -> None: ...
 
 class SegmenterOptions:
     """
@@ -288,6 +302,7 @@ def contrast(
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
     measure: str = "variance",
+    workspace: ContrastWorkspace | None = None,
 ) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
     """
     Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
@@ -377,9 +392,10 @@ def iwe(
     width: typing.SupportsInt | typing.SupportsIndex,
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex,
+    workspace: IweWorkspace | None = None,
 ) -> numpy.typing.NDArray[numpy.float32]:
     """
-    Image of warped events, float32 (height, width).
+    Image of warped events, float32 (height, width). A workspace keeps its memory for the next call.
     """
 
 @typing.overload
