@@ -16,7 +16,7 @@ constexpr int slices_per_lag = 8;           // a motion of `reach` px a lag smea
 constexpr std::uint16_t most_at_pixel = 8;  // more do not count: a hot pixel is not a motion
 constexpr std::size_t most_in_tile = 65535 / most_at_pixel;  // whose votes a 16-bit count holds
 constexpr std::size_t least_events = 40;  // of a region: fewer agree on something by chance
-constexpr std::size_t most_lags = 16;
+constexpr std::size_t most_lags = 10;     // down to 1/40,000 of a window: some 600,000 px in it
 constexpr std::size_t patch_size = static_cast<std::size_t>(patch_rows) * patch_columns;
 // Around the plane: patches reach out of it, and following a velocity may have moved places by as much.
 constexpr int margin = 2 * reach + 2;
@@ -187,18 +187,18 @@ class EventPairs {
     w.pixels.resize(padded_.area(), 0);
     const Events& events = events_[polarity];
     const double slice = lag / slices_per_lag;
-    const int slices = std::max(1, static_cast<int>(std::ceil((window_ - lag) / slice)));
-    const int used = std::clamp(static_cast<int>(std::ceil(std::min(1.0, share) * slices)), 1, slices);
+    const auto slices = std::max<std::int64_t>(1, std::llround(std::ceil((window_ - lag) / slice)));
+    const auto used = std::clamp<std::int64_t>(
+        std::llround(std::ceil(std::min(1.0, share) * static_cast<double>(slices))), 1, slices);
     const auto u = static_cast<float>(vx), v = static_cast<float>(vy);
-    for (int i = 0; i < used; ++i) {
-      const double start = first_ + ((2 * i + 1) * slices / (2 * used)) * slice;
+    for (std::int64_t i = 0; i < used; ++i) {
+      const double start = first_ + static_cast<double>((2 * i + 1) * slices / (2 * used)) * slice;
       const double later = start + lag;
       const auto middle = static_cast<float>(start + 0.5 * slice);
-      const auto later_middle = static_cast<float>(later + 0.5 * slice);
       w.later.clear();
       for (std::size_t k = events.at(later), last = events.at(later + slice); k < last; ++k) {
-        const std::int32_t pixel = pixel_at(events.x[k] - (events.dt[k] - later_middle) * u,
-                                            events.y[k] - (events.dt[k] - later_middle) * v);
+        const std::int32_t pixel =
+            pixel_at(events.x[k] - (events.dt[k] - middle) * u, events.y[k] - (events.dt[k] - middle) * v);
         if (pixel < 0) continue;
         w.later.push_back(pixel);
         std::uint16_t& count = w.pixels[static_cast<std::size_t>(pixel)];

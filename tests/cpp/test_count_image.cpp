@@ -81,7 +81,8 @@ void add(Points& points, float x, float y, float dt = 0) {
 Points random_points(std::mt19937& random, std::size_t count, Region within) {
   Points points;
   const auto sixty_fourths = [&](int begin, int length) {
-    return static_cast<float>(begin) + static_cast<float>(random() % (64u * static_cast<unsigned>(length))) / 64;
+    return static_cast<float>(begin) +
+           static_cast<float>(random() % (64u * static_cast<unsigned>(length))) / 64;
   };
   for (std::size_t k = 0; k < count; ++k) {
     add(points, sixty_fourths(within.x0, within.width), sixty_fourths(within.y0, within.height),
@@ -142,8 +143,7 @@ TEST_CASE("hot pixels count as 255 events and leave their neighbours' counts in 
   Points points;
   for (int k = 0; k < 300; ++k) {
     for (int j = -2; j <= 2; ++j) {
-      for (int i = -2; i <= 2; ++i)
-        add(points, static_cast<float>(20 + i), static_cast<float>(20 + j));
+      for (int i = -2; i <= 2; ++i) add(points, static_cast<float>(20 + i), static_cast<float>(20 + j));
     }
   }
   const auto counts = counted(points, still, {0, 0, 64, 48});
