@@ -31,8 +31,8 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
                               std::optional<double> lambda_label, int bracket_row, int bracket_col,
                               double max_speed, double max_scale_rate, double max_angle_rate,
                               const std::vector<std::string>& kinds, int num_iter_segmentation,
-                              int num_iter_labeling, double sigma, std::optional<std::size_t> max_events,
-                              bool mark_noise, int threads) {
+                              int num_iter_labeling, const std::string& labelling_name, double sigma,
+                              std::optional<std::size_t> max_events, bool mark_noise, int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);
   options.lambda_data = lambda_data;
@@ -45,6 +45,7 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
   for (const std::string& kind : kinds) options.kinds.push_back(motion_kind(kind));
   options.num_iter_segmentation = num_iter_segmentation;
   options.num_iter_labeling = num_iter_labeling;
+  options.labelling = labelling(labelling_name);
   options.sigma = sigma;
   options.max_events = max_events.value_or(SegmenterOptions::all_events);
   options.mark_noise = mark_noise;
@@ -70,7 +71,8 @@ void bind_segmenter(py::module_& m) {
            py::arg("affine_scale_max") = defaults.bounds.scale_rate,
            py::arg("affine_theta_max") = defaults.bounds.angle_rate, py::arg("kinds") = default_kinds,
            py::arg("num_iter_segmentation") = defaults.num_iter_segmentation,
-           py::arg("num_iter_labeling") = defaults.num_iter_labeling, py::arg("sigma") = defaults.sigma,
+           py::arg("num_iter_labeling") = defaults.num_iter_labeling,
+           py::arg("labelling") = std::string(name_of(defaults.labelling)), py::arg("sigma") = defaults.sigma,
            py::arg("max_events") = std::optional(defaults.max_events),
            py::arg("mark_noise") = defaults.mark_noise, py::arg("threads") = defaults.threads,
            "Raise ValueError that names the first setting out of range.")
@@ -94,6 +96,8 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("bracket_col", &SegmenterOptions::bracket_col)
       .def_readonly("num_iter_segmentation", &SegmenterOptions::num_iter_segmentation)
       .def_readonly("num_iter_labeling", &SegmenterOptions::num_iter_labeling)
+      .def_property_readonly("labelling",
+                             [](const SegmenterOptions& o) { return std::string(name_of(o.labelling)); })
       .def_readonly("sigma", &SegmenterOptions::sigma)
       .def_property_readonly(
           "max_events",

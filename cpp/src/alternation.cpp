@@ -2,10 +2,21 @@
 
 #include <algorithm>
 #include <cassert>
+#include <stdexcept>
+#include <string>
 
 #include "emseg/sampling.hpp"
 
 namespace emseg {
+
+std::string_view name_of(Labelling labelling) { return labelling == Labelling::bands ? "bands" : "exact"; }
+
+Labelling labelling(std::string_view name) {
+  for (const Labelling known : {Labelling::bands, Labelling::exact}) {
+    if (name == name_of(known)) return known;
+  }
+  throw std::invalid_argument("unknown labelling '" + std::string(name) + "', expected bands or exact");
+}
 
 Alternation::Alternation(const PointView& points, const PixelGraph& graph, const WarpFrame& frame,
                          Region plane, std::vector<MotionModel> models, const AlternationOptions& options,

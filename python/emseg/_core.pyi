@@ -158,6 +158,7 @@ class SegmenterOptions:
         kinds: collections.abc.Sequence[str] = ["translation", "similarity"],
         num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
         num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
+        labelling: str = "bands",
         sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         max_events: typing.SupportsInt | typing.SupportsIndex | None = 60000,
         mark_noise: bool = True,
@@ -180,6 +181,8 @@ class SegmenterOptions:
     def data_term(self) -> str: ...
     @property
     def kinds(self) -> list[str]: ...
+    @property
+    def labelling(self) -> str: ...
     @property
     def lambda_data(self) -> float: ...
     @property

@@ -13,7 +13,7 @@ from emseg.presets import PRESETS
 from emseg.settings import choice, number, setting_of, whole_number
 from emseg.yaml_files import ConfigError, nearest, read_yaml
 
-__all__ = ["Config", "ConfigError", "DataTerm", "HybridModelCombination", "NoiseLabel"]
+__all__ = ["Config", "ConfigError", "DataTerm", "HybridModelCombination", "Labelling", "NoiseLabel"]
 
 DataTerm = Literal["logarithmic", "published"]
 """How an event's fit to a motion is scored."""
@@ -22,6 +22,9 @@ HybridModelCombination = Literal[
     "2d", "3d", "4d", "2d+3d", "2d+4d", "3d+4d", "all", "affine", "homography", "auto"
 ]
 """Which motion models may explain a cluster: translation (2d), rotation (3d), similarity (4d), …"""
+
+Labelling = Literal["bands", "exact"]
+"""How labels are found for given motions: from coarse to fine, or by moves on all events at once."""
 
 NoiseLabel = Literal["auto", "off"]
 """Whether events that no motion explains are labelled as noise."""
@@ -113,6 +116,19 @@ class Config:
     )
     num_iter_labeling: int = whole_number(
         2, "Most sweeps of expansion moves in an alternation", source=_EMSGC, least=1, most=1000
+    )
+    labelling: Labelling = choice(
+        "bands",
+        "How labels are found for given motions: from coarse to fine, or by exact moves on all events",
+        choices=get_args(Labelling),
+    )
+    max_events_per_window: int | None = whole_number(
+        60_000,
+        "Events that motions and labels are found on, evenly in time; the rest follow them; null: all",
+        unit="events",
+        least=1,
+        most=100_000_000,
+        optional=True,
     )
     sigma: float = number(
         1.0,

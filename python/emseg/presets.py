@@ -14,6 +14,7 @@ __all__ = ["PRESETS"]
 _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
     "noise_label": "off",  # the published code knows no noise
+    "max_events_per_window": None,  # and takes every event
     "lambda_data": 1.0,
     "lambda_label": 8000.0,
     "num_iter_segmentation": 5,

@@ -53,7 +53,9 @@ def engine_options(config: Config) -> _core.SegmenterOptions:
         kinds=_KINDS[config.hybrid_model_combination],
         num_iter_segmentation=config.num_iter_segmentation,
         num_iter_labeling=config.num_iter_labeling,
+        labelling=config.labelling,
         sigma=config.sigma,
+        max_events=config.max_events_per_window,
         mark_noise=config.noise_label == "auto",
         threads=config.threads,
     )
@@ -72,6 +74,8 @@ class Segmentation:
         reference_sharpness: Sharpness that the data term calls free of cost.
         timings: Wall-clock seconds per stage.
         next_duration: Duration, µs, that the next window should have by the motion found in this one.
+        thinned: Events left out when motions and labels were found; they follow the labels of the others near
+            them (see Config.max_events_per_window).
         start: First event of the window in the recording.
         stop: One past the last.
         t_ref: Time that events are warped to, µs.
@@ -90,6 +94,7 @@ class Segmentation:
         timings: dict[str, float],
         t_ref: int,
         next_duration: int,
+        thinned: int = 0,
         start: int = 0,
         camera: Camera | None = None,
     ) -> None:
@@ -102,6 +107,7 @@ class Segmentation:
         self.timings = timings
         self.t_ref = t_ref
         self.next_duration = next_duration
+        self.thinned = thinned
         self.start = start
         self.stop = start + len(events)
         self.camera = camera
@@ -247,6 +253,7 @@ class Segmenter:
             timings=dict(found.timings),
             t_ref=found.t_ref,
             next_duration=found.next_duration_us,
+            thinned=found.thinned,
             camera=self.camera,
         )
 

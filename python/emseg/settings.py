@@ -101,14 +101,15 @@ def whole_number(
     most: int,
     unit: str = "",
     source: str = "emseg",
+    optional: bool = False,
 ) -> Any:
-    """A field of whole numbers; one whose default is None may be left open."""
+    """A field of whole numbers; one that is optional or whose default is None may be left open."""
     setting = Setting(
         kind="whole number",
         description=description,
         unit=unit,
         source=source,
-        optional=default is None,
+        optional=optional or default is None,
         least=least,
         most=most,
     )

@@ -60,6 +60,8 @@ def test_copies_are_equal_and_checked() -> None:
         ("hybrid_model_combination", 7, "7, expected 0..6 or a name"),
         ("hybrid_model_combination", True, "True, expected '2d' or '3d'"),
         ("hybrid_model_combination", "5d", "'5d', expected '2d' or '3d'"),
+        ("labelling", "fast", "'fast', expected 'bands' or 'exact'"),
+        ("max_events_per_window", 0, "0, expected a whole number ≥ 1 ≤ 1e+08 events, or null"),
         ("threads", -1, "-1, expected a whole number ≥ 0 ≤ 1024"),
     ],
 )
@@ -119,7 +121,12 @@ def test_published_files_are_read(tmp_path: Path) -> None:
     path = tmp_path / "fast_drone.yaml"
     path.write_text(PUBLISHED_FILE)
     config = Config.from_yaml(path)
-    assert replace(config, data_term="published", noise_label="off") == Config.preset("eed/fast_drone")
+    their_own: dict[str, Any] = {
+        "data_term": "published",
+        "noise_label": "off",
+        "max_events_per_window": None,
+    }
+    assert replace(config, **their_own) == Config.preset("eed/fast_drone")
 
 
 @pytest.mark.parametrize(
@@ -162,6 +169,8 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
             "lambda_label": st.none() | st.floats(0, 1e12),
             "affine_trans2d_max": st.floats(1e-3, 1e6),
             "data_term": st.sampled_from(["logarithmic", "published"]),
+            "labelling": st.sampled_from(["bands", "exact"]),
+            "max_events_per_window": st.none() | st.integers(1, 10**8),
             "hybrid_model_combination": st.sampled_from(["2d", "all", "auto", 0, 4, 6]),
             "seed": st.integers(0, 2**63 - 1),
         },
@@ -208,6 +217,7 @@ def test_every_preset_is_as_published() -> None:
         assert (config.affine_theta_max, config.division_exponent) == (1.5, 7)
         assert (config.num_iter_segmentation, config.num_iter_labeling) == (5, 2)
         assert (config.hybrid_model_combination, config.data_term) == ("4d", "published")
+        assert config.max_events_per_window is None
 
 
 def test_unknown_preset() -> None:
@@ -235,7 +245,7 @@ def test_the_engines_defaults_are_the_configs() -> None:
     """Every setting of the engine, by its name: what Config() hands over is what C++ would take by itself."""
     handed, own = engine_options(Config()), _core.SegmenterOptions()
     names = [name for name in dir(own) if not name.startswith("_")]
-    assert {"lambda_smooth", "affine_trans2d_max", "kinds", "data_term"} <= set(names)
+    assert {"lambda_smooth", "affine_trans2d_max", "kinds", "labelling", "max_events"} <= set(names)
     assert {name: getattr(handed, name) for name in names} == {name: getattr(own, name) for name in names}
 
 
@@ -244,3 +254,17 @@ def test_a_setting_reaches_the_engine(name: str) -> None:
     change: dict[str, Any] = {name: 3}
     config = Config(**change)
     assert getattr(engine_options(config), name) == 3 != getattr(_core.SegmenterOptions(), name)
+
+
+@pytest.mark.parametrize("count", [None, 1, 12_345])
+def test_the_most_events_of_a_window_reach_the_engine(count: int | None) -> None:
+    assert engine_options(Config(max_events_per_window=count)).max_events == count
+
+
+def test_the_way_of_labelling_reaches_the_engine() -> None:
+    assert engine_options(Config()).labelling == "bands"
+    assert engine_options(Config(labelling="exact")).labelling == "exact"
+    with pytest.raises(ValueError, match="unknown labelling 'fast', expected bands or exact"):
+        _core.SegmenterOptions(labelling="fast")
+    with pytest.raises(ValueError, match="max_events is 0, expected 1 or more"):
+        _core.SegmenterOptions(max_events=0)

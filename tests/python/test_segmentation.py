@@ -86,11 +86,12 @@ def evaluate(found: emseg.Segmentation, config: emseg.Config, label_cost: float)
     return energy, doubtful
 
 
+@pytest.mark.parametrize("labelling", ["exact", "bands"])
 @pytest.mark.parametrize("distorted", [False, True], ids=["pinhole", "lens"])
 @pytest.mark.parametrize("name", list(CONFIGS))
-def test_energy_is_the_references_of_the_same_labels_and_models(name, distorted):
+def test_energy_is_the_references_of_the_same_labels_and_models(name, distorted, labelling):
     events, _ = two_motions()
-    config = CONFIGS[name]
+    config = replace(CONFIGS[name], labelling=labelling, max_events_per_window=None)
     camera = lens(160, 120) if distorted else None
     found = emseg.segment(events, camera, config)
     assert len(found.models) > 1
@@ -136,6 +137,62 @@ def test_alternation_betters_models_that_start_a_pixel_off():
     for model, start, velocity in zip(found.models, off, ((120.0, -60.0), (-150.0, 140.0)), strict=True):
         assert np.linalg.norm(model.params - velocity) < np.linalg.norm(start.params - velocity)
     assert one_to_one_accuracy(truth, found.labels) > 0.97
+
+
+@pytest.mark.parametrize("data_term", ["published", "logarithmic"])
+def test_bands_and_exact_labels_are_nearly_as_good_for_the_same_models(data_term):
+    events, _ = two_motions()
+    pool = [emseg.MotionModel("translation", v) for v in ((125.0, -60.0), (-150.0, 140.0), (0.0, 0.0))]
+    plain = emseg.Config(**PLAIN, data_term=data_term, hybrid_model_combination="2d")
+    found = [
+        emseg.segment(events, config=replace(plain, labelling=labelling), pool=pool)
+        for labelling in ("bands", "exact")
+    ]
+    bands, exact = (one.energy_trace[0] for one in found)
+    assert abs(bands - exact) < 2e-4 * exact
+    assert (found[0].labels == found[1].labels).mean() > 0.99
+
+
+# Windows of more events than motions and labels are found on ----------------------------------------------
+
+
+def test_a_thinned_window_is_nearly_as_well_segmented_as_a_full_one():
+    events, truth = two_motions()
+    full = emseg.segment(events, config=emseg.Config(max_events_per_window=None))
+    assert full.thinned == 0
+    for most, least in ((len(events) // 2, 0.95), (len(events) // 3, 0.93)):
+        found = emseg.segment(events, config=emseg.Config(max_events_per_window=most))
+        assert found.thinned == len(events) - most
+        assert found.labels.shape == truth.shape
+        assert [model.label for model in found.models] == [0, 1]
+        assert one_to_one_accuracy(truth, found.labels) >= least
+        for model, other in zip(found.models, full.models, strict=True):
+            assert np.linalg.norm(model.params[:2] - other.params[:2]) * events.duration * 1e-6 < 0.5
+
+
+def test_windows_of_no_more_events_than_allowed_are_not_thinned():
+    events, _ = two_motions()
+    full = emseg.segment(events, config=emseg.Config(max_events_per_window=None))
+    just = emseg.segment(events, config=emseg.Config(max_events_per_window=len(events)))
+    assert just.thinned == 0
+    assert same_result(just, full)
+
+
+@pytest.mark.parametrize("threads", [2, 7])
+def test_threads_change_nothing_in_a_thinned_window(threads):
+    events, _ = two_motions()
+    config = emseg.Config(max_events_per_window=2000, threads=1)
+    one = emseg.segment(events, config=config)
+    assert same_result(one, emseg.segment(events, config=replace(config, threads=threads)))
+
+
+@pytest.mark.parametrize("most", [1, 2, 50])
+def test_a_window_may_be_thinned_to_next_to_nothing(most):
+    events, _ = two_motions()
+    found = emseg.segment(events, config=emseg.Config(max_events_per_window=most))
+    assert found.thinned == len(events) - most
+    assert set(np.unique(found.labels)) <= {-1, *(model.label for model in found.models)}
+    assert (np.diff(found.energy_trace) <= 0).all()
 
 
 # Invariances ----------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -18,6 +18,10 @@ enum class Labelling {
   bands,  // from coarse to fine (BandExpansion)
   exact,  // expansion moves on all events at once
 };
+
+std::string_view name_of(Labelling labelling);
+// Throws std::invalid_argument that lists the known names.
+Labelling labelling(std::string_view name);
 
 struct AlternationOptions {
   DataTerm term = DataTerm::logarithmic;
