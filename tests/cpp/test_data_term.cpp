@@ -69,6 +69,35 @@ TEST_CASE("integer costs are rounded multiples of the cost") {
   }
 }
 
+TEST_CASE("costs of many events are those of each, but for roundings of their logarithms") {
+  std::mt19937 random(4);
+  for (const DataTerm term : terms) {
+    for (const double reference : {0.3, 5.0, 800.0}) {
+      for (const double lambda : {1.0, 2.5, 10.0}) {
+        // Chunks end anywhere; nothing, little, the reference and more than it.
+        std::vector<float> sharpness{0, 1e-30f, static_cast<float>(reference), 1e30f};
+        for (int k = 0; k < 20'001; ++k)
+          sharpness.push_back(static_cast<float>(uniform(random, 0, 1.2 * reference)));
+        std::vector<std::int32_t> costs(sharpness.size(), -1);
+        integer_costs(term, sharpness, reference, lambda, costs);
+        std::size_t different = 0;
+        for (std::size_t k = 0; k < costs.size(); ++k) {
+          const std::int32_t own = integer_cost(term, sharpness[k], reference, lambda);
+          const float cost = event_cost(term, sharpness[k], static_cast<float>(reference));
+          REQUIRE(own == std::lround(static_cast<float>(lambda) * cost));
+          REQUIRE(std::abs(costs[k] - own) <= 1);
+          different += costs[k] != own;
+        }
+        CHECK(different <= costs.size() / 1000);
+      }
+    }
+    // Nothing is sharp: all models are equal.
+    std::vector<std::int32_t> costs(700, -1);
+    integer_costs(term, std::vector<float>(700, 0.0f), 0, 1, costs);
+    CHECK(std::count(costs.begin(), costs.end(), 0) == 700);
+  }
+}
+
 TEST_CASE("the reference is the largest pixel, or numpy's 95 % quantile of every event's best") {
   std::mt19937 random(3);
   for (const std::size_t events : {1u, 2u, 20u, 21u, 40u, 333u}) {

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "emseg/sampling.hpp"
 #include "emseg/segmenter.hpp"
 #include "synthetic_events.hpp"
 
@@ -151,6 +152,7 @@ TEST_CASE("the energy is that of its definition, and never rose") {
     for (const bool rich : {false, true}) {
       SegmenterOptions options = quiet_options();
       options.data_term = term;
+      options.labelling = rich ? Labelling::exact : Labelling::bands;
       options.lambda_smooth = 17.6;
       if (rich) {
         options.lambda_data = 2.5;
@@ -163,6 +165,73 @@ TEST_CASE("the energy is that of its definition, and never rose") {
       // No free still model was added: the scene spans the view.
       CHECK(result.energy == written_out_energy(result, events, options));
     }
+  }
+}
+
+TEST_CASE("large windows are estimated on an even sample and extended to all events") {
+  const EventColumns& events = two_motions();
+  const WarpFrame frame = make_warp_frame(sensor);
+  const Points points = make_points(events.view(), t_middle);
+  for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
+    for (const bool noise : {false, true}) {
+      SegmenterOptions options = quiet_options();
+      options.data_term = term;
+      options.lambda_label = 1500;
+      const Segmentation full = segmented(events, options);
+      CHECK(full.thinned == 0);
+      options.max_events = events.size() / 2;
+      // Events that no other of the sample is near are noise in any case.
+      options.mark_noise = noise;
+      const Segmentation thinned = segmented(events, options);
+      check_sound(thinned, events.size());
+      CHECK(thinned.thinned == events.size() - events.size() / 2);
+      CHECK(thinned.t_ref == full.t_ref);
+      REQUIRE(thinned.models.size() == full.models.size());
+      for (std::size_t m = 0; m < full.models.size(); ++m)
+        CHECK(motion_distance(thinned.models[m], full.models[m], frame, points.view()) < 0.5);
+      CHECK(accuracy(thinned, events) > accuracy(full, events) - 0.02);
+      CHECK(thinned.next_duration_us == doctest::Approx(double(full.next_duration_us)).epsilon(0.1));
+    }
+  }
+}
+
+TEST_CASE("a thinned window is its sample's, and the sample keeps its labels") {
+  const EventColumns& events = two_motions();
+  SegmenterOptions options = quiet_options();
+  options.max_events = events.size() / 3;
+  options.lambda_label = 900;
+  WindowPrior prior;
+  prior.t_ref = t_middle;
+  const Segmentation thinned = segmented(events, options, prior);
+  EventColumns sample;
+  const auto sampled = even_sample(events.size(), options.max_events);
+  for (const std::size_t k : sampled)
+    sample.add(events.x[k], events.y[k], events.t[k], events.p[k], events.source[k]);
+  // A label costs as much, as a share of the data.
+  options.lambda_label = 900 * static_cast<double>(sample.size()) / static_cast<double>(events.size());
+  const Segmentation own = segmented(sample, options, prior);
+  CHECK(own.thinned == 0);
+  CHECK(thinned.energy_trace == own.energy_trace);
+  CHECK(thinned.reference_sharpness == own.reference_sharpness);
+  for (std::size_t i = 0; i < sampled.size(); ++i) REQUIRE(thinned.labels[sampled[i]] == own.labels[i]);
+  CHECK(own.energy == written_out_energy(own, sample, options));
+}
+
+TEST_CASE("as many events as are allowed are all taken") {
+  const EventColumns& events = two_motions();
+  SegmenterOptions options;
+  options.max_events = SegmenterOptions::all_events;
+  const Segmentation all = segmented(events, options);
+  options.max_events = events.size();
+  CHECK(same(segmented(events, options), all));
+  CHECK(all.thinned == 0);
+  options.max_events = events.size() - 1;
+  CHECK(segmented(events, options).thinned == 1);
+  for (const std::size_t few : {1u, 2u, 30u}) {
+    options.max_events = few;
+    const Segmentation result = segmented(events, options);
+    check_sound(result, events.size());
+    CHECK(result.thinned == events.size() - few);
   }
 }
 
@@ -190,6 +259,13 @@ TEST_CASE("the same for 1, 2 and 7 threads, and for a segmenter used before") {
     Segmenter segmenter(sensor, std::nullopt, options);
     segmenter.segment(events.view().slice(0, events.size() / 3));
     CHECK(same(segmenter.segment(events.view()), alone));
+  }
+  options.max_events = events.size() / 3;
+  options.threads = 1;
+  const Segmentation thinned = segmented(events, options);
+  for (const int threads : {2, 7}) {
+    options.threads = threads;
+    CHECK(same(segmented(events, options), thinned));
   }
 }
 
@@ -370,6 +446,7 @@ TEST_CASE("what does not fit is refused by name") {
   CHECK(refused([](auto& o) { o.num_iter_segmentation = -1; }).find("num_iter_segmentation is -1") == 0);
   CHECK(refused([](auto& o) { o.num_iter_labeling = 0; }).find("num_iter_labeling is 0") == 0);
   CHECK(refused([](auto& o) { o.sigma = -2; }).find("blur sigma is -2") == 0);
+  CHECK(refused([](auto& o) { o.max_events = 0; }).find("max_events is 0") == 0);
   CHECK(refused([](auto& o) { o.threads = -3; }).find("threads is -3") == 0);
 
   const auto size_refused = [&](ImageSize size) {

@@ -1,0 +1,236 @@
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "emseg/alternation.hpp"
+#include "synthetic_events.hpp"
+
+using namespace emseg;
+using namespace emseg::testing;
+
+namespace {
+
+constexpr ImageSize sensor{160, 120};
+constexpr Region plane{0, 0, 160, 120};
+const WarpFrame frame = make_warp_frame(sensor);
+const MotionModel scene_motion = Similarity{{110, 45, 0.2, -0.1}};
+const MotionModel object_motion = Similarity{{-180, 90, 0, 0}};
+
+struct Window {
+  EventColumns events;
+  Points points;
+  PixelGraph graph;
+
+  explicit Window(std::uint32_t seed)
+      : events(recorded(moving_dots({{scene_motion, {-10, -10, 180, 45}, 150, 12},
+                                     {scene_motion, {-10, 85, 180, 45}, 150, 12},
+                                     {scene_motion, {-10, 30, 66, 60}, 80, 12},
+                                     {scene_motion, {104, 30, 66, 60}, 80, 12},
+                                     {object_motion, {60, 40, 40, 40}, 110, 12}},
+                                    frame, 0.04, seed),
+                        sensor, 7'000'000)),
+        points(make_points(events.view(), 7'000'000)),
+        graph(build_pixel_graph(events.view(), sensor)) {}
+
+  std::size_t size() const { return events.size(); }
+};
+
+const Window& window() {
+  static const Window made(1);
+  return made;
+}
+
+// A pixel or two off over the window, and one model too many.
+const std::vector<MotionModel> near_truth{Similarity{{150, 20, 0, 0}}, Similarity{{-150, 120, 0, 0}},
+                                          Similarity{{0, 400, 0, 0}}};
+
+// What an alternation of its own ends with.
+struct Outcome {
+  std::vector<MotionModel> models;
+  std::vector<std::int32_t> labels;
+  std::vector<std::int64_t> trace;
+  double reference = 0;
+
+  std::int64_t energy() const { return trace.back(); }
+};
+
+Outcome alternated(const std::vector<MotionModel>& models, const AlternationOptions& options, int threads = 2,
+                   const std::vector<MotionModel>& free_models = {}) {
+  ThreadPool pool(threads);
+  ExpansionWorkspace workspace;
+  StageTimes timings;
+  StageClock clock(timings);
+  Alternation alternation(window().points.view(), window().graph, frame, plane, models, options, pool,
+                          workspace, clock);
+  alternation.run();
+  for (const MotionModel& model : free_models) alternation.add_free_model(model);
+  CHECK(alternation.energy() == alternation.trace().back());
+  return {alternation.models(), alternation.labels(), alternation.trace(), alternation.reference()};
+}
+
+// The definition: data, edges of the event graph, used labels; those from `first_free` on are free.
+std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& options,
+                            std::size_t first_free = 1000) {
+  IweWorkspace workspace;
+  std::int64_t energy = 0;
+  for (std::size_t l = 0; l < outcome.models.size(); ++l) {
+    ModelSupport support;
+    evaluate_support(window().points.view(), outcome.models[l], frame, canvas_of(plane),
+                     gaussian_taps(options.sigma), workspace, support);
+    std::vector<std::int32_t> costs(window().size());
+    integer_costs(options.term, support.sharpness, outcome.reference, options.lambda_data, costs);
+    bool used = false;
+    for (std::size_t k = 0; k < window().size(); ++k) {
+      if (outcome.labels[k] != static_cast<std::int32_t>(l)) continue;
+      energy += costs[k];
+      used = true;
+    }
+    if (used && l < first_free) energy += options.label_cost;
+  }
+  const EventGraph graph = join_events(window().graph);
+  for (std::size_t i = 0; i < graph.site_count(); ++i) {
+    for (std::int64_t e = graph.indptr[i]; e < graph.indptr[i + 1]; ++e) {
+      const auto j = static_cast<std::size_t>(graph.indices[static_cast<std::size_t>(e)]);
+      if (outcome.labels[i] != outcome.labels[j]) energy += options.smooth_cost;
+    }
+  }
+  return energy;
+}
+
+AlternationOptions options_of(DataTerm term, Labelling labelling) {
+  AlternationOptions options;
+  options.term = term;
+  options.labelling = labelling;
+  options.label_cost = 1500;
+  return options;
+}
+
+double accuracy(const Outcome& outcome) {
+  double right = 0;
+  for (std::size_t k = 0; k < window().size(); ++k)
+    right += outcome.labels[k] == (window().events.source[k] == 4 ? 1 : 0);
+  return right / static_cast<double>(window().size());
+}
+
+constexpr std::array terms{DataTerm::published, DataTerm::logarithmic};
+constexpr std::array labellings{Labelling::bands, Labelling::exact};
+
+}  // namespace
+
+TEST_CASE("the energy is that of its definition and never rises, whatever the term and the labelling") {
+  for (const DataTerm term : terms) {
+    for (const Labelling labelling : labellings) {
+      CAPTURE(name_of(term));
+      CAPTURE(name_of(labelling));
+      const AlternationOptions options = options_of(term, labelling);
+      const Outcome outcome = alternated(near_truth, options);
+      CHECK(outcome.trace.size() > 2);
+      CHECK(std::is_sorted(outcome.trace.rbegin(), outcome.trace.rend()));
+      CHECK(outcome.energy() < outcome.trace.front());
+      CHECK(outcome.energy() == defined_energy(outcome, options));
+      // The motion of nobody is dropped, and those of two are found.
+      REQUIRE(outcome.models.size() == 2);
+      CHECK(accuracy(outcome) > 0.95);
+      CHECK(motion_distance(outcome.models[0], scene_motion, frame, window().points.view()) < 0.5);
+      // The published reference is of the models that are left.
+      if (term == DataTerm::published) {
+        float peak = 0;
+        for (const MotionModel& model : outcome.models) {
+          IweWorkspace workspace;
+          ModelSupport support;
+          evaluate_support(window().points.view(), model, frame, canvas_of(plane),
+                           gaussian_taps(options.sigma), workspace, support);
+          peak = std::max(peak, support.peak);
+        }
+        CHECK(outcome.reference == peak);
+      }
+    }
+  }
+}
+
+TEST_CASE("bands find labels of nearly the energy of exact ones") {
+  for (const DataTerm term : terms) {
+    CAPTURE(name_of(term));
+    AlternationOptions exact_options = options_of(term, Labelling::exact);
+    AlternationOptions band_options = options_of(term, Labelling::bands);
+    exact_options.iterations = band_options.iterations = 0;  // the labels of the models given
+    const Outcome exact = alternated(near_truth, exact_options);
+    const Outcome bands = alternated(near_truth, band_options);
+    const auto gap =
+        static_cast<double>(bands.energy() - exact.energy()) / static_cast<double>(exact.energy());
+    CHECK(gap < 2e-4);
+    std::size_t different = 0;
+    REQUIRE(bands.models.size() == exact.models.size());
+    for (std::size_t k = 0; k < window().size(); ++k) different += bands.labels[k] != exact.labels[k];
+    CHECK(static_cast<double>(different) < 0.005 * static_cast<double>(window().size()));
+  }
+}
+
+TEST_CASE("motions fitted to samples of their events are nearly as good as fitted to all") {
+  for (const DataTerm term : terms) {
+    CAPTURE(name_of(term));
+    AlternationOptions options = options_of(term, Labelling::bands);
+    options.max_refit_events = window().size();
+    const Outcome all = alternated(near_truth, options);
+    for (const std::size_t few : {std::size_t{2000}, std::size_t{1500}}) {
+      CAPTURE(few);
+      options.max_refit_events = few;
+      const Outcome outcome = alternated(near_truth, options);
+      CHECK(std::is_sorted(outcome.trace.rbegin(), outcome.trace.rend()));
+      CHECK(outcome.energy() == defined_energy(outcome, options));  // of all events, though
+      REQUIRE(outcome.models.size() == all.models.size());
+      for (std::size_t m = 0; m < all.models.size(); ++m)
+        CHECK(motion_distance(outcome.models[m], all.models[m], frame, window().points.view()) < 0.5);
+      CHECK(static_cast<double>(outcome.energy()) < 1.05 * static_cast<double>(all.energy()));
+    }
+    // One event fits anything: what does not lower the energy is not taken.
+    options.max_refit_events = 1;
+    const Outcome one = alternated(near_truth, options);
+    CHECK(std::is_sorted(one.trace.rbegin(), one.trace.rend()));
+    CHECK(one.energy() == defined_energy(one, options));
+  }
+}
+
+TEST_CASE("the same for any number of workers") {
+  for (const DataTerm term : terms) {
+    for (const Labelling labelling : labellings) {
+      const AlternationOptions options = options_of(term, labelling);
+      const Outcome alone = alternated(near_truth, options, 1);
+      for (const int threads : {2, 5}) {
+        const Outcome outcome = alternated(near_truth, options, threads);
+        CHECK(outcome.labels == alone.labels);
+        CHECK(outcome.trace == alone.trace);
+        for (std::size_t m = 0; m < alone.models.size(); ++m)
+          CHECK(std::ranges::equal(params_of(outcome.models[m]), params_of(alone.models[m])));
+      }
+    }
+  }
+}
+
+TEST_CASE("a free model costs nothing, leaves the reference and can only lower the energy") {
+  for (const DataTerm term : terms) {
+    for (const Labelling labelling : labellings) {
+      CAPTURE(name_of(term));
+      CAPTURE(name_of(labelling));
+      const AlternationOptions options = options_of(term, labelling);
+      const std::vector<MotionModel> scene_alone{scene_motion};
+      const Outcome without = alternated(scene_alone, options);
+      REQUIRE(without.models.size() == 1);
+      const Outcome with = alternated(scene_alone, options, 2, {object_motion});
+      REQUIRE(with.models.size() == 2);
+      CHECK(with.reference == without.reference);
+      CHECK(with.energy() < without.energy());
+      CHECK(with.energy() == defined_energy(with, options, 1));
+      CHECK(accuracy(with) > 0.95);
+    }
+  }
+}
+
+TEST_CASE("labellings have names") {
+  for (const Labelling known : labellings) CHECK(labelling(name_of(known)) == known);
+  CHECK_THROWS_WITH_AS(labelling("fast"), "unknown labelling 'fast', expected bands or exact",
+                       std::invalid_argument);
+}
