@@ -1,4 +1,5 @@
 #include <pybind11/stl.h>
+#include <pybind11/typing.h>
 
 #include "emseg/simulation/simulator.hpp"
 #include "numpy_views.hpp"
@@ -76,14 +77,14 @@ int add_texture(sim::Scene& scene, sim::TextureKind kind, double grain, double d
   return static_cast<int>(scene.textures.size()) - 1;
 }
 
-py::dict simulate(const sim::Scene& scene, const sim::SensorOptions& sensor,
+py::typing::Dict<py::str, py::array> simulate(const sim::Scene& scene, const sim::SensorOptions& sensor,
                   const sim::SimulationOptions& options) {
   sim::SimulatedEvents events;
   {
     py::gil_scoped_release release;
     events = sim::simulate(scene, sensor, options);
   }
-  py::dict columns;
+  py::typing::Dict<py::str, py::array> columns;
   columns["x"] = to_numpy(std::move(events.x));
   columns["y"] = to_numpy(std::move(events.y));
   columns["t"] = to_numpy(std::move(events.t));
@@ -92,14 +93,14 @@ py::dict simulate(const sim::Scene& scene, const sim::SensorOptions& sensor,
   return columns;
 }
 
-py::dict truth(const sim::Scene& scene, double seconds, double later, int threads) {
+py::typing::Dict<py::str, py::array> truth(const sim::Scene& scene, double seconds, double later, int threads) {
   sim::Truth found;
   {
     py::gil_scoped_release release;
     found = sim::render_truth(scene, seconds, later, threads);
   }
   const std::vector<py::ssize_t> shape{scene.camera.size.height, scene.camera.size.width};
-  py::dict images;
+  py::typing::Dict<py::str, py::array> images;
   images["intensity"] = to_numpy(std::move(found.intensity), shape);
   images["label"] = to_numpy(std::move(found.label), shape);
   images["depth"] = to_numpy(std::move(found.depth), shape);

@@ -1,0 +1,139 @@
+"""Simulating a scene: events with their owners, and the truth about what moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emseg import _core
+from emseg.camera import Camera
+from emseg.events import EventArray
+from emseg.simulation.build import build, native_sensor
+from emseg.simulation.imu import measure
+from emseg.simulation.scene import Scene
+
+__all__ = ["Simulation", "Truth", "simulate"]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is seen, every `scene.truth.interval` seconds, at n moments.
+
+    Attributes:
+        t: Times, µs, int64 (n,).
+        mask: Label of what each pixel shows most of: 0 background, 1.. objects; int8 (n, height, width).
+        depth: Along the optical axis, m, float32 (n, height, width); 0 where there is nothing.
+        flow: Motion in the image, x and y in px, from this moment over the next interval, float32
+            (n, 2, height, width): of what the pixel shows, seen or hidden at its end; NaN where there is
+            nothing.
+        frame: Intensity, 0 .. 1, float32 (n, height, width).
+        T_world_camera: Poses, float64 (n, 4, 4): points of the camera's frame to the world's.
+        T_world_object: The same of each object, float64 (n, k, 4, 4), in the order of `labels`.
+        labels: Labels of the objects, int64 (k,).
+    """
+
+    t: NDArray[np.int64]
+    mask: NDArray[np.int8]
+    depth: NDArray[np.float32]
+    flow: NDArray[np.float32]
+    frame: NDArray[np.float32]
+    T_world_camera: NDArray[np.float64]
+    T_world_object: NDArray[np.float64]
+    labels: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated recording.
+
+    Attributes:
+        scene: What was simulated.
+        events: What the sensor reports.
+        owners: For each event the label of the surface whose motion or light made it, int16 (len(events),):
+            0 background, 1.. objects, -1 noise.
+        camera: Intrinsics and distortion.
+        imu: Structured array of :data:`emseg.simulation.imu.IMU_DTYPE`.
+        truth: What is seen.
+    """
+
+    scene: Scene
+    events: EventArray
+    owners: NDArray[np.int16]
+    camera: Camera
+    imu: NDArray[np.void]
+    truth: Truth
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write everything as .npz, see docs/simulation.md; the file is there complete or not at all."""
+        from emseg.simulation.files import write_npz
+
+        write_npz(Path(path), self)
+
+
+def simulate(
+    scene: Scene | str | PathLike[str],
+    *,
+    threads: int = 0,
+    truth: Literal["all", "poses"] = "all",
+) -> Simulation:
+    """Simulate a scene.  The result is the same for any number of threads.
+
+    Args:
+        scene: A scene, or a YAML file that describes one.
+        threads: 0: all cores.
+        truth: "poses" leaves masks, depth, flow and frames out: their arrays have no moments.
+
+    Raises:
+        ConfigError: a ValueError that names the file, the place in it and what was expected.
+    """
+    if not isinstance(scene, Scene):
+        scene = Scene.from_yaml(scene)
+    built = build(scene)
+    options = _core.SimulationOptions()
+    options.duration = scene.duration
+    options.latency_jitter = scene.sensor.latency_jitter
+    options.readout_interval = scene.sensor.readout_interval
+    options.threads = threads
+    columns = built.native.simulate(native_sensor(scene.sensor, scene.seed), options)
+    camera = scene.camera.to_camera()
+    events = EventArray(*(columns[name] for name in "xytp"), width=camera.width, height=camera.height)
+    interval = scene.truth.interval
+    seconds: NDArray[np.float64] = (
+        np.arange(int(scene.duration / interval + 1e-9) + 1, dtype=np.float64) * interval
+    )
+    labels = np.array(list(built.T_world_objects), np.int64)
+    objects = [path.poses(seconds) for path in built.T_world_objects.values()]
+    images = [
+        built.native.truth(float(t), float(t) + interval, threads)
+        for t in (seconds if truth == "all" else ())
+    ]
+    shape = (0, camera.height, camera.width)
+
+    def gather(*names: str) -> NDArray[np.float32]:
+        if not images:
+            return np.zeros(shape, np.float32)
+        return np.stack([image[names[0]] for image in images])
+
+    flow = np.stack([gather("flow_x"), gather("flow_y")], axis=1)
+    return Simulation(
+        scene,
+        events,
+        columns["owner"],
+        camera,
+        measure(built.T_world_camera, scene.duration, scene.truth.imu_rate),
+        Truth(
+            np.rint(seconds * 1e6).astype(np.int64),
+            gather("label").astype(np.int8),
+            gather("depth"),
+            flow,
+            gather("intensity"),
+            built.T_world_camera.poses(seconds),
+            np.stack(objects, axis=1) if objects else np.zeros((len(seconds), 0, 4, 4)),
+            labels,
+        ),
+    )
