@@ -46,9 +46,7 @@ class Place:
         duration: Of the scene, s.
     """
 
-    def __init__(
-        self, random: Random, sensors: Sequence[tuple[int, int, float]], duration: float
-    ) -> None:
+    def __init__(self, random: Random, sensors: Sequence[tuple[int, int, float]], duration: float) -> None:
         self.random = random
         self.duration = duration
         self.width, self.height, focal = random.choice(sensors)
@@ -79,7 +77,9 @@ class Place:
     def crossing(self, speed: tuple[float, float], depth: float, *, margin: float = 0.7) -> Motion:
         """A motion through the image whose middle, at half time, lies within `margin` of the image's middle."""
         random = self.random
-        velocity = self.velocity(random.spread(*speed), random.uniform(-0.08, 0.08) + random.choice((0, 0.5)), depth)
+        velocity = self.velocity(
+            random.spread(*speed), random.uniform(-0.08, 0.08) + random.choice((0, 0.5)), depth
+        )
         x, y, z = self.at(random.uniform(-margin, margin), random.uniform(-margin, margin) * 0.8, depth)
         half = self.duration / 2
         approach = random.uniform(-0.15, 0.15) * depth
@@ -148,7 +148,11 @@ class Place:
         """Moving to the side, so that near things pass faster than far ones; m/s."""
         random = self.random
         return Motion(
-            velocity=(random.sign() * random.spread(*speed), random.uniform(-0.1, 0.1), random.uniform(-0.2, 0.2)),
+            velocity=(
+                random.sign() * random.spread(*speed),
+                random.uniform(-0.1, 0.1),
+                random.uniform(-0.2, 0.2),
+            ),
             shake=Shake(rotation=0.2, translation=0.004, frequency=6, seed=random.integer(0, 10**6)),
         )
 
@@ -202,7 +206,9 @@ def wall(place: Place, depth: float, *, plenty: bool | None = None) -> Body:
     return Body(
         name="wall",
         shape=Rectangle(size=(8 * depth, 8 * depth)),
-        motion=Motion(position=(0.0, 0.0, depth), rotation=(random.uniform(-12, 12), random.uniform(-15, 15), 0.0)),
+        motion=Motion(
+            position=(0.0, 0.0, depth), rotation=(random.uniform(-12, 12), random.uniform(-15, 15), 0.0)
+        ),
         texture=texture(random, grain, plenty=plenty, of=("leaves", "blocks") if not plenty else ()),
     )
 
@@ -281,7 +287,9 @@ def grid(place: Place, depth: float) -> Body:
             pitch=(pitch, 0.0 if fence else pitch),
             bar=pitch * random.uniform(0.08, 0.22),
         ),
-        motion=Motion(position=(0.0, 0.0, depth), rotation=(0.0, random.uniform(-8, 8), random.uniform(-8, 8))),
+        motion=Motion(
+            position=(0.0, 0.0, depth), rotation=(0.0, random.uniform(-8, 8), random.uniform(-8, 8))
+        ),
         texture=texture(random, pitch / 3, of=("leaves", "clouds", "stripes")),
     )
 
@@ -293,7 +301,13 @@ def thing(random: Random, size: float, *, solid: float = 0.5) -> Shape:
         if kind == 0:
             return Ball(radius=size / 2)
         if kind == 1:
-            return Box(size=(size * random.uniform(0.6, 1), size * random.uniform(0.6, 1), size * random.uniform(0.5, 1)))
+            return Box(
+                size=(
+                    size * random.uniform(0.6, 1),
+                    size * random.uniform(0.6, 1),
+                    size * random.uniform(0.5, 1),
+                )
+            )
         return Cylinder(radius=size * random.uniform(0.25, 0.45), height=size, sides=14)
     kind = random.integer(0, 2)
     if kind == 0:

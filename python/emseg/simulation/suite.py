@@ -179,9 +179,7 @@ def light_variations(random: Random, duration: float) -> Scene:
         body.model_copy(update={"light": "lamp"}) if random.chance(0.6) else body for body in scene.bodies
     )
     noisy = sensor(random, shot_noise=round(random.spread(0.5, 3), 4))
-    return scene.model_copy(
-        update={"bodies": lit, "lighting": Lighting(flickers=flickers), "sensor": noisy}
-    )
+    return scene.model_copy(update={"bodies": lit, "lighting": Lighting(flickers=flickers), "sensor": noisy})
 
 
 @_scene
@@ -190,9 +188,7 @@ def occlusions(random: Random, duration: float) -> Scene:
     return _behind_pillars(random, duration, (SMALL, SMALL, MEDIUM, LARGE))
 
 
-def _behind_pillars(
-    random: Random, duration: float, sensors: tuple[tuple[int, int, float], ...]
-) -> Scene:
+def _behind_pillars(random: Random, duration: float, sensors: tuple[tuple[int, int, float], ...]) -> Scene:
     place = Place(random, sensors, duration)
     bodies = [wall(place, 3.0), *cards(place, random.integer(1, 4), (2.2, 2.9))]
     for x in (-0.6, 0.45):
@@ -214,9 +210,7 @@ def _behind_pillars(
         motion = place.crossing((120, 400), depth, margin=0.5)
         bodies.append(mover(place, random.uniform(0.15, 0.35), depth, motion))
     camera = place.sliding((0.1, 0.4)) if random.chance(0.5) else place.hand_held(1.5)
-    return Scene(
-        duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies)
-    )
+    return Scene(duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies))
 
 
 @_scene
@@ -245,9 +239,7 @@ def what_is_background(random: Random, duration: float) -> Scene:
             )
         )
     camera = place.hand_held(random.uniform(0.8, 1.6))
-    return Scene(
-        duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies)
-    )
+    return Scene(duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies))
 
 
 @_scene
@@ -265,9 +257,7 @@ def multiple_objects(random: Random, duration: float) -> Scene:
             motion = motion.model_copy(update={"pauses": (pause,)})
         bodies.append(mover(place, random.uniform(0.12, 0.3), depth, motion))
     camera = place.any_camera() if random.chance(0.8) else place.still()
-    return Scene(
-        duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies)
-    )
+    return Scene(duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies))
 
 
 # --- collisions, as in EV-IMO: two things meet and part -----------------------------------------------------
@@ -456,10 +446,10 @@ def roll(random: Random, duration: float) -> Scene:
         motion = place.crossing((80, 300), depth)
         bodies.append(mover(place, random.uniform(0.15, 0.3), depth, motion))
     rate = random.sign() * random.spread(30, 120)
-    camera = Motion(spin=(0.0, 0.0, rate), velocity=tuple_of(random, 0.2), rotation=(0.0, 0.0, -rate * duration / 2))
-    return Scene(
-        duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies)
+    camera = Motion(
+        spin=(0.0, 0.0, rate), velocity=tuple_of(random, 0.2), rotation=(0.0, 0.0, -rate * duration / 2)
     )
+    return Scene(duration=duration, camera=place.camera(camera), sensor=sensor(random), bodies=tuple(bodies))
 
 
 @_scene
