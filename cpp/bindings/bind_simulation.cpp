@@ -69,8 +69,8 @@ int add_surface(sim::Scene& scene, int body, const Triple& origin, const Triple&
   return static_cast<int>(scene.surfaces.size()) - 1;
 }
 
-int add_texture(sim::Scene& scene, sim::TextureKind kind, double grain, double density, double low, double high,
-                int size, std::uint64_t seed) {
+int add_texture(sim::Scene& scene, sim::TextureKind kind, double grain, double density, double low,
+                double high, int size, std::uint64_t seed) {
   const sim::TextureOptions options{kind, grain, density, low, high, size, seed};
   py::gil_scoped_release release;
   scene.textures.emplace_back(options);
@@ -78,7 +78,7 @@ int add_texture(sim::Scene& scene, sim::TextureKind kind, double grain, double d
 }
 
 py::typing::Dict<py::str, py::array> simulate(const sim::Scene& scene, const sim::SensorOptions& sensor,
-                  const sim::SimulationOptions& options) {
+                                              const sim::SimulationOptions& options) {
   sim::SimulatedEvents events;
   {
     py::gil_scoped_release release;
@@ -93,19 +93,29 @@ py::typing::Dict<py::str, py::array> simulate(const sim::Scene& scene, const sim
   return columns;
 }
 
-py::typing::Dict<py::str, py::array> truth(const sim::Scene& scene, double seconds, double later, int threads) {
-  sim::Truth found;
+py::typing::Dict<py::str, py::array> truth(const sim::Scene& scene, const Array<double>& seconds,
+                                           double interval, int threads) {
+  const std::span<const double> moments = view(seconds);
+  std::vector<sim::Truth> truths;
   {
     py::gil_scoped_release release;
-    found = sim::render_truth(scene, seconds, later, threads);
+    truths = sim::render_truth(scene, moments, interval, threads);
   }
-  const std::vector<py::ssize_t> shape{scene.camera.size.height, scene.camera.size.width};
+  const std::vector<py::ssize_t> shape{static_cast<py::ssize_t>(moments.size()), scene.camera.size.height,
+                                       scene.camera.size.width};
+  const auto stack = [&]<typename T>(std::vector<T> sim::Truth::* image) {
+    py::array_t<T> stacked(shape);
+    T* target = stacked.mutable_data();
+    for (const sim::Truth& found : truths)
+      target = std::copy((found.*image).begin(), (found.*image).end(), target);
+    return stacked;
+  };
   py::typing::Dict<py::str, py::array> images;
-  images["intensity"] = to_numpy(std::move(found.intensity), shape);
-  images["label"] = to_numpy(std::move(found.label), shape);
-  images["depth"] = to_numpy(std::move(found.depth), shape);
-  images["flow_x"] = to_numpy(std::move(found.flow_x), shape);
-  images["flow_y"] = to_numpy(std::move(found.flow_y), shape);
+  images["intensity"] = stack(&sim::Truth::intensity);
+  images["label"] = stack(&sim::Truth::label);
+  images["depth"] = stack(&sim::Truth::depth);
+  images["flow_x"] = stack(&sim::Truth::flow_x);
+  images["flow_y"] = stack(&sim::Truth::flow_y);
   return images;
 }
 
@@ -195,7 +205,8 @@ void bind_simulation(py::module_& m) {
            py::arg("texture_offset"), py::arg("light"), py::arg("two_sided"), "Returns its index.")
       .def("simulate", &simulate, py::arg("sensor"), py::arg("options"),
            "Events as a dict of columns x, y, t (us), p and owner (label of the surface, -1 noise).")
-      .def("truth", &truth, py::arg("seconds"), py::arg("later"), py::arg("threads") = 0,
-           "Images (height, width) of what is seen at a time: intensity, label, depth (m) and the motion in px "
-           "until `later`.");
+      .def(
+          "truth", &truth, py::arg("seconds"), py::arg("interval"), py::arg("threads") = 0,
+          "Images (n, height, width) of what is seen at the given times: intensity, label, depth (m) and the "
+          "motion in px over the next interval (s).");
 }

@@ -13,6 +13,7 @@ namespace {
 constexpr float least_inverse_depth = 1e-4f;  // 10 km: what is farther is sky
 constexpr float greatest_inverse_depth = 100.0f;
 constexpr float covered = 1 - 1e-4f;  // shares above it are the whole pixel, shares below 1e-4 nothing
+constexpr double neighbourhood = 16;  // px around a tile in which bodies are watched
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
 struct Form {
@@ -33,7 +34,8 @@ float strip(float inside_one, float inside_other) {
   return std::max(0.0f, clamp01(inside_one + 0.5f) + clamp01(inside_other + 0.5f) - 1);
 }
 
-// Share of a pixel covered by bars of a net that lie `pitch` apart; `u` and the pixel's `footprint` in metres.
+// Share of a pixel covered by bars of a net that lie `pitch` apart; `u` and the pixel's `footprint` in
+// metres.
 float bars(float u, float pitch, float bar, float footprint) {
   if (!(pitch > 0)) return 0;
   const float from_bar = std::abs(u - pitch * std::nearbyint(u / pitch));
@@ -42,8 +44,8 @@ float bars(float u, float pitch, float bar, float footprint) {
 
 // How place on the plane changes from pixel to pixel.
 struct Footprint {
-  float u, v;                  // the place
-  float ux, uy, vx, vy;        // metres per px
+  float u, v;            // the place
+  float ux, uy, vx, vy;  // metres per px
 };
 
 Footprint footprint_at(const ProjectedSurface& seen, float x, float y) {
@@ -68,7 +70,8 @@ float blob_coverage(const Outline& outline, const Footprint& f) {
     const float next = re * cosine - im * sine;
     im = re * sine + im * cosine;
     re = next;
-    const auto a = static_cast<float>(outline.harmonics[k][0]), b = static_cast<float>(outline.harmonics[k][1]);
+    const auto a = static_cast<float>(outline.harmonics[k][0]),
+               b = static_cast<float>(outline.harmonics[k][1]);
     extent += a * re + b * im;
     slope += static_cast<float>(k + 2) * (b * re - a * im);
   }
@@ -122,9 +125,12 @@ TileRenderer::TileRenderer(const Scene& scene, const UndistortionTable& undistor
     }
     prepared_.push_back(prepared);
     if (clusters_.empty() || clusters_.back().body != surface.body) {
-      clusters_.push_back({surface.body, static_cast<int>(k), static_cast<int>(k), {}, 0});
+      clusters_.push_back({surface.body, static_cast<int>(k), static_cast<int>(k), {}, 0, {}});
     }
     clusters_.back().end = static_cast<int>(k) + 1;
+    auto& lights = clusters_.back().lights;
+    if (std::find(lights.begin(), lights.end(), surface.light) == lights.end())
+      lights.push_back(surface.light);
   }
   for (Cluster& cluster : clusters_) {
     std::vector<Vec3> corners;
@@ -137,7 +143,8 @@ TileRenderer::TileRenderer(const Scene& scene, const UndistortionTable& undistor
     for (const Vec3 corner : corners) {
       cluster.centre = cluster.centre + (1.0 / static_cast<double>(corners.size())) * corner;
     }
-    for (const Vec3 corner : corners) cluster.radius = std::max(cluster.radius, norm(corner - cluster.centre));
+    for (const Vec3 corner : corners)
+      cluster.radius = std::max(cluster.radius, norm(corner - cluster.centre));
   }
 }
 
@@ -147,15 +154,16 @@ Pose TileRenderer::camera_from_body(const ProjectedSurface& seen, double seconds
          scene_.bodies[static_cast<std::size_t>(surface.body)].T_world_body.at(seconds);
 }
 
-// Whether a sphere around the cluster reaches into the pyramid of rays through the tile.
+// Whether a sphere around the cluster reaches into the pyramid of rays through the tile and its
+// neighbourhood.
 bool TileRenderer::may_see(const Cluster& cluster, const Pose& T_camera_body) const {
   const Camera& camera = scene_.camera;
   const Vec3 p = T_camera_body * cluster.centre;
   if (p.z < -cluster.radius) return false;
-  const double left = (bounds_[0] - 1 + centre_x_ - camera.cx) / camera.fx;
-  const double right = (bounds_[1] + 1 + centre_x_ - camera.cx) / camera.fx;
-  const double top = (bounds_[2] - 1 + centre_y_ - camera.cy) / camera.fy;
-  const double bottom = (bounds_[3] + 1 + centre_y_ - camera.cy) / camera.fy;
+  const double left = (bounds_[0] - neighbourhood + centre_x_ - camera.cx) / camera.fx;
+  const double right = (bounds_[1] + neighbourhood + centre_x_ - camera.cx) / camera.fx;
+  const double top = (bounds_[2] - neighbourhood + centre_y_ - camera.cy) / camera.fy;
+  const double bottom = (bounds_[3] + neighbourhood + centre_y_ - camera.cy) / camera.fy;
   const auto beyond = [&](double distance, double slope) {
     return distance < -cluster.radius * std::sqrt(1 + slope * slope);
   };
@@ -165,8 +173,7 @@ bool TileRenderer::may_see(const Cluster& cluster, const Pose& T_camera_body) co
 
 bool TileRenderer::render(double seconds, TileImage& image, const TileImage* before) {
   image.seconds = seconds;
-  image.gains.clear();
-  for (const Light& light : scene_.lights) image.gains.push_back(light.at(seconds));
+  image.gains.assign(scene_.lights.size(), 1.0f);
   image.T_camera_bodies.clear();
   const Pose T_world_camera = scene_.T_world_camera.at(seconds);
   const Pose T_camera_world = inverse(T_world_camera);
@@ -176,6 +183,10 @@ bool TileRenderer::render(double seconds, TileImage& image, const TileImage* bef
     const Pose T_camera_body = T_camera_world * body.T_world_body.at(seconds);
     if (may_see(clusters_[k], T_camera_body)) {
       image.T_camera_bodies.emplace_back(static_cast<int>(k), T_camera_body);
+      for (const int light : clusters_[k].lights) {
+        const auto index = static_cast<std::size_t>(light);
+        image.gains[index] = scene_.lights[index].at(seconds);
+      }
     }
   }
   if (before != nullptr && before->T_camera_bodies == image.T_camera_bodies && before->gains == image.gains) {
@@ -351,11 +362,13 @@ float TileRenderer::coverage(const ProjectedSurface& seen, float x, float y) con
                                                     : net_coverage(outline, footprint));
 }
 
-// Level of the texture's pyramid whose texels are as large as the pixel in the direction in which it is larger.
+// Level of the texture's pyramid whose texels are as large as the pixel in the direction in which it is
+// larger.
 float TileRenderer::level_at(const ProjectedSurface& seen, float x, float y) const {
   const Footprint f = footprint_at(seen, x, y);
   const float across = f.ux * f.ux + f.vx * f.vx, down = f.uy * f.uy + f.vy * f.vy;
-  const auto scale = static_cast<float>(scene_.surfaces[static_cast<std::size_t>(seen.surface)].texels_per_metre);
+  const auto scale =
+      static_cast<float>(scene_.surfaces[static_cast<std::size_t>(seen.surface)].texels_per_metre);
   const float texels = std::max(across, down) * (scale * scale);
   if (!(texels > 1)) return 0;
   return 0.5f * 1.44269504f * fast_log(std::min(texels, 1e30f));
@@ -388,6 +401,7 @@ void TileRenderer::shade(TileImage& image) const {
       ProjectedSurface& seen = image.surfaces[static_cast<std::size_t>(front[begin])];
       seen.show(begin, row);
       seen.show(end - 1, row);
+      const float brightness = seen.brightness;
       const Surface& surface = scene_.surfaces[static_cast<std::size_t>(seen.surface)];
       const Texture& texture = scene_.textures[static_cast<std::size_t>(surface.texture)];
       const auto scale = static_cast<float>(surface.texels_per_metre);
@@ -396,13 +410,23 @@ void TileRenderer::shade(TileImage& image) const {
       // The level hardly bends along a run: between its ends it is interpolated.
       const float first = level_at(seen, local_x[begin], local_y[begin]);
       const float last = level_at(seen, local_x[end - 1], local_y[end - 1]);
-      const float step = end - begin > 1 ? (last - first) / static_cast<float>(end - 1 - begin) : 0;
-      float level = first;
-      for (int x = begin; x < end; ++x, level += step) {
+      const auto texel = [&](int x, auto sample) {
         const float depth = scale / seen.w.at(local_x[x], local_y[x]);
         const float tu = seen.u.at(local_x[x], local_y[x]) * depth + offset_u;
         const float tv = seen.v.at(local_x[x], local_y[x]) * depth + offset_v;
-        intensity[x] = seen.brightness * texture.sample(tu, tv, level);
+        return brightness * sample(tu, tv);
+      };
+      if (first <= 0 && last <= 0) {
+        const Texture::Level finest = texture.level(0);
+        for (int x = begin; x < end; ++x) {
+          intensity[x] = texel(x, [&](float tu, float tv) { return finest.sample(tu, tv); });
+        }
+        continue;
+      }
+      const float step = end - begin > 1 ? (last - first) / static_cast<float>(end - 1 - begin) : 0;
+      float level = first;
+      for (int x = begin; x < end; ++x, level += step) {
+        intensity[x] = texel(x, [&](float tu, float tv) { return texture.sample(tu, tv, level); });
       }
     }
   }
@@ -459,6 +483,24 @@ TileRenderer::Landing TileRenderer::land(const ProjectedSurface& seen, float x, 
   if (!(p.z > 1 / double{greatest_inverse_depth})) return {};
   const Camera& camera = scene_.camera;
   return {true, {camera.fx * p.x / p.z + camera.cx, camera.fy * p.y / p.z + camera.cy}, p.z};
+}
+
+double TileRenderer::largest_passage(const TileImage& from, const TileImage& to) const {
+  const Camera& camera = scene_.camera;
+  double largest = 0;
+  auto there = to.T_camera_bodies.begin();
+  for (const auto& [k, T_camera_body] : from.T_camera_bodies) {  // both lists are in the clusters' order
+    while (there != to.T_camera_bodies.end() && there->first < k) ++there;
+    if (there == to.T_camera_bodies.end()) break;
+    if (there->first != k || there->second == T_camera_body) continue;
+    const Cluster& cluster = clusters_[static_cast<std::size_t>(k)];
+    const Vec3 p = T_camera_body * cluster.centre, q = there->second * cluster.centre;
+    // Around the camera a middle says nothing; what is seen of such a body bounds its motion.
+    if (p.z < 2 * cluster.radius || q.z < 2 * cluster.radius) continue;
+    const double dx = camera.fx * (q.x / q.z - p.x / p.z), dy = camera.fy * (q.y / q.z - p.y / p.z);
+    largest = std::max(largest, std::sqrt(dx * dx + dy * dy));
+  }
+  return largest;
 }
 
 double TileRenderer::largest_motion(const TileImage& from, const TileImage& to) const {

@@ -18,7 +18,8 @@ void check_outline(std::size_t index, const Outline& outline) {
     refuse(index, std::to_string(corners.size()) + " corners, expected 3..8");
   }
   for (std::size_t k = 0; k < corners.size(); ++k) {
-    const PlanePoint a = corners[k], b = corners[(k + 1) % corners.size()], c = corners[(k + 2) % corners.size()];
+    const PlanePoint a = corners[k], b = corners[(k + 1) % corners.size()],
+                     c = corners[(k + 2) % corners.size()];
     const double turn = (b.u - a.u) * (c.v - b.v) - (b.v - a.v) * (c.u - b.u);
     if (!(turn > 0)) refuse(index, "its corners make no convex polygon, anticlockwise from u to v");
   }
@@ -58,7 +59,8 @@ void check_scene(const Scene& scene) {
   };
   for (std::size_t k = 0; k < scene.surfaces.size(); ++k) {
     const Surface& surface = scene.surfaces[k];
-    if (!within(surface.body, scene.bodies.size())) refuse(k, "there is no body " + std::to_string(surface.body));
+    if (!within(surface.body, scene.bodies.size()))
+      refuse(k, "there is no body " + std::to_string(surface.body));
     if (!within(surface.texture, scene.textures.size())) {
       refuse(k, "there is no texture " + std::to_string(surface.texture));
     }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <numbers>
 #include <stdexcept>
 #include <string>
 
@@ -13,12 +14,20 @@ namespace emseg::simulation {
 namespace {
 
 // Draws of a pixel: the first ones are spoken for.
-enum Draw : std::uint64_t { on_threshold = 0, off_threshold = 3, phase = 6, hot = 7, hot_share = 8, leak = 9, events = 12 };
+enum Draw : std::uint64_t {
+  on_threshold = 0,
+  off_threshold = 3,
+  phase = 6,
+  hot = 7,
+  hot_share = 8,
+  leak = 9,
+  events = 12
+};
 
 void check(const char* name, double value, bool sound, const char* expected) {
   if (!sound) {
-    throw std::invalid_argument("sensor: " + std::string(name) + " is " + std::to_string(value) + ", expected " +
-                                expected);
+    throw std::invalid_argument("sensor: " + std::string(name) + " is " + std::to_string(value) +
+                                ", expected " + expected);
   }
 }
 
@@ -99,9 +108,9 @@ void check_sensor(const SensorOptions& options) {
   check("hot_rate", options.hot_rate, not_negative(options.hot_rate), "0 Hz or more");
 }
 
-// The intensity of a pixel is, from front to back, I_k = a_k c_k + (1 - a_k) I_{k+1}, with colours c and shares a
-// of what the surfaces in front leave.  To first order its change is a sum over surfaces of
-// r_k (da_k (c_k - I_{k+1}) + a_k dc_k), r_k what is left of the pixel in front of k: the change that surface k
+// The intensity of a pixel is, from front to back, I_k = a_k c_k + (1 - a_k) I_{k+1}, with colours c and
+// shares a of what the surfaces in front leave.  To first order its change is a sum over surfaces of r_k
+// (da_k (c_k - I_{k+1}) + a_k dc_k), r_k what is left of the pixel in front of k: the change that surface k
 // makes alone.
 int responsible_label(const Scene& scene, const TileImage& before, const TileImage& after, std::size_t pixel,
                       int direction) {
@@ -150,11 +159,6 @@ int responsible_label(const Scene& scene, const TileImage& before, const TileIma
   return change[best].first;
 }
 
-// What does not depend on the pixel while two pictures follow each other.
-struct TileSensor::Interval {
-  double from, to;
-};
-
 TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region tile, const TileImage& first)
     : scene_(scene), options_(options), random_(options.seed), tile_(tile) {
   const std::size_t count = tile.area();
@@ -162,9 +166,7 @@ TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region 
   const auto dark = static_cast<float>(options.dark_intensity);
   const double least_threshold = 0.1 * std::min(options.threshold_on, options.threshold_off);
   for (std::size_t k = 0; k < count; ++k) {
-    const auto width = static_cast<std::size_t>(tile.width);
-    const std::uint64_t stream = ((static_cast<std::uint64_t>(tile.y0) + k / width) << 32) +
-                                 static_cast<std::uint64_t>(tile.x0) + k % width;
+    const std::uint64_t stream = stream_of(k);
     const auto threshold = [&](double mean, Draw draw) {
       return std::max(least_threshold, mean + options.threshold_sigma * random_.normal(stream, draw));
     };
@@ -177,8 +179,8 @@ TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region 
     threshold_on_.push_back(static_cast<float>(on));
     threshold_off_.push_back(static_cast<float>(off));
     leak_.push_back(static_cast<float>(leak_rate * on));
-    hot_rate_.push_back(is_hot ? static_cast<float>(options.hot_rate * 2 * random_.uniform(stream, Draw::hot_share))
-                               : 0.0f);
+    hot_rate_.push_back(
+        is_hot ? static_cast<float>(options.hot_rate * 2 * random_.uniform(stream, Draw::hot_share)) : 0.0f);
     log_.push_back(static_cast<float>(log_intensity));
     // Each pixel starts somewhere between two reports; from the same place all would fire together.
     const double share = 0.98 * random_.uniform(stream, Draw::phase) + 0.01;
@@ -187,78 +189,95 @@ TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region 
   }
   level_ = log_;
   exposure_.assign(count, 0.0f);
-  deadline_.resize(count);
   awake_.assign(count, first.seconds);
   last_report_.assign(count, first.seconds);
   draws_.assign(count, 0);
+  next_log_.resize(count);
   next_level_.resize(count);
   stirred_.resize(count);
-  for (std::size_t k = 0; k < count; ++k) draw_noise_deadline(k);
+  for (std::size_t k = 0; k < count; ++k) patience_.push_back(static_cast<float>(draw_patience(k)));
 }
 
-void TileSensor::draw_noise_deadline(std::size_t pixel) {
+std::uint64_t TileSensor::stream_of(std::size_t pixel) const {
   const auto width = static_cast<std::size_t>(tile_.width);
-  const std::uint64_t stream = ((static_cast<std::uint64_t>(tile_.y0) + pixel / width) << 32) +
-                               static_cast<std::uint64_t>(tile_.x0) + pixel % width;
-  exposure_[pixel] = 0;
-  deadline_[pixel] = static_cast<float>(random_.exponential(stream, Draw::events + 2 * draws_[pixel]));
+  return ((static_cast<std::uint64_t>(tile_.y0) + pixel / width) << 32) +
+         static_cast<std::uint64_t>(tile_.x0) + pixel % width;
+}
+
+double TileSensor::draw_patience(std::size_t pixel) {
+  return random_.exponential(stream_of(pixel), Draw::events + 2 * std::uint64_t{draws_[pixel]++});
+}
+
+float TileSensor::noise_rate(std::size_t pixel, float intensity) const {
+  const auto dark = static_cast<float>(options_.shot_noise);
+  const auto fading = static_cast<float>(options_.shot_noise * (1 - options_.shot_noise_bright));
+  return hot_rate_[pixel] + std::max(dark - fading * intensity, 0.0f);
 }
 
 void TileSensor::expose(const TileImage& before, const TileImage& after, double from, double to,
                         std::vector<SimulatedEvent>& events) {
   const std::size_t count = tile_.area();
   const auto seconds = static_cast<float>(to - from);
-  const auto dark = static_cast<float>(options_.dark_intensity);
-  const auto noise = static_cast<float>(options_.shot_noise);
-  const auto fading = static_cast<float>(options_.shot_noise * (1 - options_.shot_noise_bright));
-  const auto pace = static_cast<float>(2 * 3.14159265358979 * options_.cutoff / (1 + options_.dark_intensity));
+  const bool changed = &before != &after, filters = options_.cutoff > 0;
+  if (changed || filters) filter(before, after, seconds);
+  const float* next_level = changed || filters ? next_level_.data() : level_.data();
   const float* intensity = after.intensity.data();
-  if (&before != &after || options_.cutoff > 0) {
-    for (std::size_t k = 0; k < count; ++k) {
-      const float next = fast_log(intensity[k] + dark);
-      if (options_.cutoff > 0) {
-        // First-order low pass, exact for an input that is linear in the interval.
-        const float x = seconds * pace * (intensity[k] + dark);
-        const float change = next - log_[k];
-        const float lag = change / std::max(x, 1e-9f);
-        const float settled = fast_saturation(x);
-        next_level_[k] = x > 1e-3f ? level_[k] + change - lag * settled + (log_[k] - level_[k]) * settled
-                                   : level_[k] + x * (0.5f * (next + log_[k]) - level_[k]);
-        note_cause(k, before, after, change, log_[k] - level_[k]);
-        log_[k] = next;
-      } else {
-        next_level_[k] = next;
-      }
-    }
-  }
-  const bool still = &before == &after && !(options_.cutoff > 0);
-  const float* next_level = still ? level_.data() : next_level_.data();
+  // The loop over all pixels is plain, so that it vectorises; what needs care is done for the few it finds.
   for (std::size_t k = 0; k < count; ++k) {
     reported_[k] -= leak_[k] * seconds;
-    exposure_[k] += seconds * (hot_rate_[k] + std::max(noise - fading * intensity[k], 0.0f));
+    exposure_[k] += seconds * noise_rate(k, intensity[k]);
     const float difference = next_level[k] - reported_[k];
-    stirred_[k] = static_cast<std::uint8_t>((difference >= threshold_on_[k]) | (-difference >= threshold_off_[k]) |
-                                            (exposure_[k] >= deadline_[k]) | (awake_[k] > from));
+    const bool rises = difference >= threshold_on_[k], falls = -difference >= threshold_off_[k];
+    stirred_[k] = static_cast<std::uint8_t>(rises | falls | (exposure_[k] >= patience_[k]));
   }
+  for (const std::size_t pixel : asleep_) stirred_[pixel] = 1;
+  asleep_.clear();
   for (std::size_t k = 0; k < count; ++k) {
     if (stirred_[k] == 0) continue;
-    if (!(options_.cutoff > 0) && &before != &after) {
-      note_cause(k, before, after, next_level[k] - level_[k], 0);
-    }
-    report(k, {from, to}, level_[k], next_level[k], events);
+    if (changed && !filters) note_cause(k, before, after, next_level[k] - level_[k], 0);
+    report(k, {from, to, noise_rate(k, intensity[k])}, level_[k], next_level[k], events);
+    if (awake_[k] > to) asleep_.push_back(k);
   }
-  if (!still) level_.swap(next_level_);
+  if (changed || filters) level_.swap(next_level_);
 }
 
-// Keeps what changes a pixel, until something changes it more than half of what the low pass still holds back.
+// The level that the photoreceptor reaches: a first-order low pass of the log intensity, whose pace grows
+// with the intensity; exact for an input that is linear in the interval.
+void TileSensor::filter(const TileImage& before, const TileImage& after, float seconds) {
+  const std::size_t count = tile_.area();
+  const auto dark = static_cast<float>(options_.dark_intensity);
+  const float* intensity = after.intensity.data();
+  if (!(options_.cutoff > 0)) {
+    for (std::size_t k = 0; k < count; ++k) next_level_[k] = fast_log(intensity[k] + dark);
+    return;
+  }
+  for (std::size_t k = 0; k < count; ++k) next_log_[k] = fast_log(intensity[k] + dark);
+  const auto pace =
+      static_cast<float>(2 * std::numbers::pi * options_.cutoff / (1 + options_.dark_intensity));
+  for (std::size_t k = 0; k < count; ++k) {
+    const float x = seconds * pace * (intensity[k] + dark);
+    const float change = next_log_[k] - log_[k], held_back = log_[k] - level_[k];
+    const float settled = fast_saturation(x);
+    // Of a ramp, the share that comes through within it: 1 - (1 - exp(-x)) / x, near x / 2 for small x.
+    const float through = x > 0.05f ? 1 - settled / x : x * (0.5f - x / 6);
+    next_level_[k] = level_[k] + held_back * settled + change * through;
+  }
+  for (std::size_t k = 0; k < count; ++k) {
+    note_cause(k, before, after, next_log_[k] - log_[k], log_[k] - level_[k]);
+  }
+  log_.swap(next_log_);
+}
+
+// Keeps what changes a pixel, until something changes it more than half of what the low pass still holds
+// back.
 void TileSensor::note_cause(std::size_t pixel, const TileImage& before, const TileImage& after, float change,
                             float lag) {
   if (change == 0 || std::abs(change) <= 0.5f * std::abs(lag)) return;
   const bool shared = before.mixture[pixel] >= 0 || after.mixture[pixel] >= 0 ||
                       front_label(scene_, before, pixel) != front_label(scene_, after, pixel);
-  cause_[pixel] = static_cast<std::int16_t>(
-      shared ? responsible_label(scene_, before, after, pixel, change > 0 ? 1 : -1)
-             : front_label(scene_, after, pixel));
+  cause_[pixel] =
+      static_cast<std::int16_t>(shared ? responsible_label(scene_, before, after, pixel, change > 0 ? 1 : -1)
+                                       : front_label(scene_, after, pixel));
 }
 
 // Events of one pixel in an interval in which its level runs linearly from start to end.
@@ -268,81 +287,67 @@ void TileSensor::report(std::size_t pixel, const Interval& interval, float start
   SimulatedEvent event;
   event.x = static_cast<std::uint16_t>(static_cast<std::size_t>(tile_.x0) + pixel % width);
   event.y = static_cast<std::uint16_t>(static_cast<std::size_t>(tile_.y0) + pixel / width);
-  const double length = interval.to - interval.from;
-  const double leak_rate = leak_[pixel];
+  const double never = interval.to + 1, length = interval.to - interval.from;
+  const double on = threshold_on_[pixel], off = threshold_off_[pixel], leak_rate = leak_[pixel];
   const double slope = (static_cast<double>(end) - start) / length;
   const auto level_at = [&](double t) { return start + slope * (t - interval.from); };
   double t = interval.from;
   double reported = reported_[pixel] + leak_rate * length;  // as it was at t
-  // The noise event of this interval, if any, comes where its exposure reaches the deadline.
-  const bool noisy = exposure_[pixel] >= deadline_[pixel];
-  double noise_at = interval.to + 1;
-  if (noisy) {
-    const CounterRandom& random = random_;
-    const std::uint64_t stream = (static_cast<std::uint64_t>(event.y) << 32) + event.x;
-    noise_at = interval.from + length * random.uniform(stream, Draw::events + 2 * draws_[pixel] + 1);
-  }
+
+  // Noise comes when the exposure to it has used up the pixel's patience.
+  double exposure = exposure_[pixel], patience = patience_[pixel];
+  const auto next_noise = [&] {
+    return exposure >= patience ? interval.to - (exposure - patience) / interval.noise_rate : never;
+  };
+  const auto begin_patience = [&] {
+    exposure -= patience;
+    patience = draw_patience(pixel);
+  };
+
   while (true) {
     if (awake_[pixel] > t) {  // refractory: the pixel follows its level
-      if (awake_[pixel] >= interval.to) {
-        reported = end;
-        t = interval.to;
-        last_report_[pixel] = t;
-        break;
-      }
-      t = awake_[pixel];
+      t = std::min(awake_[pixel], interval.to);
       reported = level_at(t);
       last_report_[pixel] = t;
     }
-    if (noise_at < t) noise_at = interval.to + 1;  // asleep when it came
-    const double drift = slope + leak_rate;  // of the level against what was reported
+    while (next_noise() < t) begin_patience();  // asleep when it came
+    const double drift = slope + leak_rate;     // of the level against what was reported
     const double difference = level_at(t) - reported;
-    double crossing = interval.to + 1;
-    if (difference >= threshold_on_[pixel] || -difference >= threshold_off_[pixel]) {
+    double crossing = never;
+    if (difference >= on || -difference >= off) {
       crossing = t;
-    } else if (drift > 0) {
-      crossing = t + (threshold_on_[pixel] - difference) / drift;
-    } else if (drift < 0) {
-      crossing = t + (threshold_off_[pixel] + difference) / -drift;
+      event.p = difference > 0 ? 1 : 0;
+    } else if (drift != 0) {
+      crossing = t + (drift > 0 ? on - difference : off + difference) / std::abs(drift);
+      event.p = drift > 0 ? 1 : 0;
     }
-    const double next = std::min(crossing, noise_at);
-    if (!(next <= interval.to)) {
+    const double noise = next_noise();
+    event.t = std::min(crossing, noise);
+    if (!(event.t <= interval.to) || t >= interval.to) {
       reported -= leak_rate * (interval.to - t);
       break;
     }
-    const bool is_noise = noise_at < crossing;
-    if (!is_noise && difference < threshold_on_[pixel] && -difference < threshold_off_[pixel]) {
-      event.p = drift > 0 ? 1 : 0;
-    } else {
-      event.p = difference > 0 ? 1 : 0;
-    }
-    event.t = next;
-    event.owner = cause_[pixel];
-    if (is_noise) {
+    if (noise < crossing) {
       // Its polarity is a coin's; the pixel starts anew from the level it has.
-      const std::uint64_t stream = (static_cast<std::uint64_t>(event.y) << 32) + event.x;
-      event.p = static_cast<std::uint8_t>(random_.bits(stream, Draw::events + 2 * draws_[pixel] + 1) & 1);
+      event.p = static_cast<std::uint8_t>(
+          random_.bits(stream_of(pixel), Draw::events + 2 * std::uint64_t{draws_[pixel]} + 1) & 1);
       event.owner = -1;
-      noise_at = interval.to + 1;
-      reported = level_at(next);
+      begin_patience();
+      reported = level_at(event.t);
     } else {
       // A rise that is more the leak's work than the light's is noise.
-      const double leaked = leak_rate * (next - last_report_[pixel]);
-      if (event.p == 1 && leaked > 0.5 * threshold_on_[pixel]) event.owner = -1;
-      const double step = event.p == 1 ? threshold_on_[pixel] : -static_cast<double>(threshold_off_[pixel]);
-      reported = reported - leak_rate * (next - t) + step;
-      if (options_.refractory > 0) reported = level_at(next);
+      const double leaked = leak_rate * (event.t - last_report_[pixel]);
+      event.owner = event.p == 1 && leaked > 0.5 * on ? std::int16_t{-1} : cause_[pixel];
+      reported = reported - leak_rate * (event.t - t) + (event.p == 1 ? on : -off);
     }
     events.push_back(event);
-    t = next;
-    last_report_[pixel] = next;
-    awake_[pixel] = next + options_.refractory;
+    t = event.t;
+    last_report_[pixel] = t;
+    awake_[pixel] = t + options_.refractory;
   }
   reported_[pixel] = static_cast<float>(reported);
-  if (noisy) {
-    ++draws_[pixel];
-    draw_noise_deadline(pixel);
-  }
+  exposure_[pixel] = static_cast<float>(exposure);
+  patience_[pixel] = static_cast<float>(patience);
 }
 
 }  // namespace emseg::simulation

@@ -45,7 +45,7 @@ class TileRun {
  public:
   TileRun(const Scene& scene, const SensorOptions& sensor, const SimulationOptions& options,
           const UndistortionTable& undistortion, Region tile)
-      : options_(options), renderer_(scene, undistortion, tile) {
+      : scene_(scene), options_(options), renderer_(scene, undistortion, tile) {
     renderer_.render(0, now_);
     sensor_.emplace_back(scene, sensor, tile, now_);
   }
@@ -76,9 +76,11 @@ class TileRun {
         next_step_ = std::min(2 * step, options_.largest_step);
         return false;
       }
+      // Everything in px of motion, so that one rule shortens the step.
       const double motion =
           std::max({renderer_.largest_motion(now_, next_), renderer_.largest_motion(next_, now_),
-                    options_.largest_motion * lighting_change() / largest_lighting_change});
+                    options_.largest_motion * renderer_.largest_passage(now_, next_) / largest_passage,
+                    options_.largest_motion * lighting_change(step)});
       // Aim below the bound, so that a slight acceleration does not break it.
       const double aim = 0.9 * options_.largest_motion / std::max(motion, 1e-9);
       if (motion <= options_.largest_motion || step <= options_.smallest_step) {
@@ -89,17 +91,25 @@ class TileRun {
     }
   }
 
-  static constexpr double largest_lighting_change = 0.1;  // of the logarithm of the gain, in a step
+  static constexpr double largest_passage = 8;            // px in a step, of what comes near the tile
+  static constexpr double largest_lighting_change = 0.1;  // share of the brightness, in a step
+  static constexpr double light_samples = 4;              // of a changing light, in a step
 
-  double lighting_change() const {
+  // How much the light changes, 1 where it changes as much as it may in a step.
+  double lighting_change(double step) const {
     double change = 0;
     for (std::size_t k = 0; k < now_.gains.size(); ++k) {
-      const double low = std::min(now_.gains[k], next_.gains[k]), high = std::max(now_.gains[k], next_.gains[k]);
-      change = std::max(change, (high - low) / std::max(high, 1e-9));
+      const Light& light = scene_.lights[k];
+      const double low = std::min(now_.gains[k], next_.gains[k]),
+                   high = std::max(now_.gains[k], next_.gains[k]);
+      if (light.gain.size() == 1 || (low == 1 && high == 1)) continue;
+      change = std::max({change, (high - low) / std::max(high, 1e-9) / largest_lighting_change,
+                         step / (light_samples * light.interval)});
     }
     return change;
   }
 
+  const Scene& scene_;
   const SimulationOptions& options_;
   TileRenderer renderer_;
   std::vector<TileSensor> sensor_;  // one, made once the first picture is there
@@ -172,55 +182,72 @@ SimulatedEvents simulate(const Scene& scene, const SensorOptions& sensor, const 
   return events;
 }
 
-Truth render_truth(const Scene& scene, double seconds, double later, int threads) {
+namespace {
+
+// Writes what a tile shows into the truth of the whole image.
+void copy_truth(const Scene& scene, const TileRenderer& renderer, const TileImage& image, double later,
+                Truth& truth) {
+  const Region tile = renderer.tile();
+  std::vector<Pose> later_poses;
+  for (const ProjectedSurface& seen : image.surfaces) {
+    later_poses.push_back(renderer.camera_from_body(seen, later));
+  }
+  for (int row = 0; row < tile.height; ++row) {
+    for (int column = 0; column < tile.width; ++column) {
+      const auto local = static_cast<std::size_t>(row * tile.width + column);
+      const auto p =
+          static_cast<std::size_t>(tile.y0 + row) * static_cast<std::size_t>(scene.camera.size.width) +
+          static_cast<std::size_t>(tile.x0 + column);
+      truth.intensity[p] = image.intensity[local];
+      int projected = image.front[local];
+      if (const std::int32_t mixture = image.mixture[local]; mixture >= 0) {
+        float largest = 0;
+        const auto [begin, end] = image.mixtures[static_cast<std::size_t>(mixture)];
+        for (int k = begin; k < end; ++k) {
+          const Layer& layer = image.layers[static_cast<std::size_t>(k)];
+          if (layer.weight > largest) largest = layer.weight, projected = layer.projected;
+        }
+      }
+      if (projected < 0) continue;
+      const ProjectedSurface& seen = image.surfaces[static_cast<std::size_t>(projected)];
+      const Surface& surface = scene.surfaces[static_cast<std::size_t>(seen.surface)];
+      truth.label[p] = static_cast<std::int16_t>(scene.bodies[static_cast<std::size_t>(surface.body)].label);
+      const float x = renderer.local_x(column, row), y = renderer.local_y(column, row);
+      truth.depth[p] = 1 / seen.w.at(x, y);
+      const auto landing = renderer.land(seen, x, y, later_poses[static_cast<std::size_t>(projected)]);
+      if (!landing.in_front) continue;
+      const bool pinhole = scene.camera.model == DistortionModel::none;
+      const Point2 there = pinhole ? landing.pixel : distort_pixel(scene.camera, landing.pixel);
+      truth.flow_x[p] = static_cast<float>(there.x - (tile.x0 + column));
+      truth.flow_y[p] = static_cast<float>(there.y - (tile.y0 + row));
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<Truth> render_truth(const Scene& scene, std::span<const double> moments, double interval,
+                                int threads) {
   check_scene(scene);
   const UndistortionTable undistortion = make_undistortion_table(scene.camera);
   const ImageSize size = scene.camera.size;
   const std::size_t pixels = static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-  Truth truth{std::vector<float>(pixels), std::vector<std::int16_t>(pixels), std::vector<float>(pixels),
-              std::vector<float>(pixels, nan), std::vector<float>(pixels, nan)};
+  const Truth nothing{std::vector<float>(pixels), std::vector<std::int16_t>(pixels),
+                      std::vector<float>(pixels), std::vector<float>(pixels, nan),
+                      std::vector<float>(pixels, nan)};
+  std::vector<Truth> truths(moments.size(), nothing);
   const std::vector<Region> tiles = tiles_of(size);
   ThreadPool pool(threads);
-  pool.for_each(tiles.size(), [&](std::size_t tile_index, int) {
-    const Region tile = tiles[tile_index];
-    TileRenderer renderer(scene, undistortion, tile);
+  pool.for_each(tiles.size(), [&](std::size_t k, int) {
+    TileRenderer renderer(scene, undistortion, tiles[k]);
     TileImage image;
-    renderer.render(seconds, image);
-    std::vector<Pose> later_poses;
-    for (const ProjectedSurface& seen : image.surfaces) {
-      later_poses.push_back(renderer.camera_from_body(seen, later));
-    }
-    for (int row = 0; row < tile.height; ++row) {
-      for (int column = 0; column < tile.width; ++column) {
-        const auto local = static_cast<std::size_t>(row * tile.width + column);
-        const auto p = static_cast<std::size_t>(tile.y0 + row) * static_cast<std::size_t>(size.width) +
-                       static_cast<std::size_t>(tile.x0 + column);
-        truth.intensity[p] = image.intensity[local];
-        int projected = image.front[local];
-        if (const std::int32_t mixture = image.mixture[local]; mixture >= 0) {
-          float largest = 0;
-          const auto [begin, end] = image.mixtures[static_cast<std::size_t>(mixture)];
-          for (int k = begin; k < end; ++k) {
-            const Layer& layer = image.layers[static_cast<std::size_t>(k)];
-            if (layer.weight > largest) largest = layer.weight, projected = layer.projected;
-          }
-        }
-        if (projected < 0) continue;
-        const ProjectedSurface& seen = image.surfaces[static_cast<std::size_t>(projected)];
-        const Surface& surface = scene.surfaces[static_cast<std::size_t>(seen.surface)];
-        truth.label[p] = static_cast<std::int16_t>(scene.bodies[static_cast<std::size_t>(surface.body)].label);
-        const float x = renderer.local_x(column, row), y = renderer.local_y(column, row);
-        truth.depth[p] = 1 / seen.w.at(x, y);
-        const auto landing = renderer.land(seen, x, y, later_poses[static_cast<std::size_t>(projected)]);
-        if (!landing.in_front) continue;
-        const Point2 there = distort_pixel(scene.camera, landing.pixel);
-        truth.flow_x[p] = static_cast<float>(there.x - (tile.x0 + column));
-        truth.flow_y[p] = static_cast<float>(there.y - (tile.y0 + row));
-      }
+    for (std::size_t moment = 0; moment < moments.size(); ++moment) {
+      renderer.render(moments[moment], image);
+      copy_truth(scene, renderer, image, moments[moment] + interval, truths[moment]);
     }
   });
-  return truth;
+  return truths;
 }
 
 }  // namespace emseg::simulation

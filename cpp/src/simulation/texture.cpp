@@ -84,11 +84,13 @@ class Painter {
   template <typename Inside>
   void fill(double x, double y, double reach_x, double reach_y, float value, Inside inside) {
     const auto mask = static_cast<std::ptrdiff_t>(size_) - 1;
-    for (auto row = static_cast<std::ptrdiff_t>(std::floor(y - reach_y)); row <= std::ceil(y + reach_y); ++row) {
+    for (auto row = static_cast<std::ptrdiff_t>(std::floor(y - reach_y)); row <= std::ceil(y + reach_y);
+         ++row) {
       float* line = image_.data() + static_cast<std::size_t>(row & mask) * size_;
-      for (auto column = static_cast<std::ptrdiff_t>(std::floor(x - reach_x)); column <= std::ceil(x + reach_x);
-           ++column) {
-        if (inside(static_cast<double>(column) - x, static_cast<double>(row) - y)) line[column & mask] = value;
+      for (auto column = static_cast<std::ptrdiff_t>(std::floor(x - reach_x));
+           column <= std::ceil(x + reach_x); ++column) {
+        if (inside(static_cast<double>(column) - x, static_cast<double>(row) - y))
+          line[column & mask] = value;
       }
     }
   }
@@ -99,9 +101,8 @@ class Painter {
   }
 
   void rectangle(double x, double y, double half_width, double half_height, float value) {
-    fill(x, y, half_width, half_height, value, [&](double dx, double dy) {
-      return std::abs(dx) < half_width && std::abs(dy) < half_height;
-    });
+    fill(x, y, half_width, half_height, value,
+         [&](double dx, double dy) { return std::abs(dx) < half_width && std::abs(dy) < half_height; });
   }
 
   // Squares as near to the grain as go into the period an even number of times.
@@ -159,7 +160,7 @@ class Painter {
 
   static double smooth(double s) { return s * s * (3 - 2 * s); }
 
-  // Edges three texels wide: what bilinear interpolation needs to look straight.
+  // Edges about two texels wide, so that outlines along the texture's axes are no sharper than others.
   void soften() {
     std::vector<float> line(size_);
     const std::size_t mask = size_ - 1;
@@ -170,7 +171,7 @@ class Painter {
         };
         for (std::size_t i = 0; i < size_; ++i) line[i] = at(i);
         for (std::size_t i = 0; i < size_; ++i) {
-          at(i) = 0.25f * line[(i - 1) & mask] + 0.5f * line[i] + 0.25f * line[(i + 1) & mask];
+          at(i) = 0.125f * line[(i - 1) & mask] + 0.75f * line[i] + 0.125f * line[(i + 1) & mask];
         }
       }
     }

@@ -19,7 +19,7 @@ from emseg.simulation.trajectories import Track
 __all__ = ["BuiltScene", "build"]
 
 TEXTURE_SIZE: Final = 512  # texels; textures repeat
-TEXELS_PER_GRAIN: Final = 18
+TEXELS_PER_GRAIN: Final = 16
 LIGHT_SAMPLES_PER_PERIOD: Final = 64
 STROBE_EDGES: Final = 20  # samples of the light in a flash
 

@@ -108,18 +108,7 @@ def simulate(
     )
     labels = np.array(list(built.T_world_objects), np.int64)
     objects = [path.poses(seconds) for path in built.T_world_objects.values()]
-    images = [
-        built.native.truth(float(t), float(t) + interval, threads)
-        for t in (seconds if truth == "all" else ())
-    ]
-    shape = (0, camera.height, camera.width)
-
-    def gather(*names: str) -> NDArray[np.float32]:
-        if not images:
-            return np.zeros(shape, np.float32)
-        return np.stack([image[names[0]] for image in images])
-
-    flow = np.stack([gather("flow_x"), gather("flow_y")], axis=1)
+    images = built.native.truth(seconds if truth == "all" else seconds[:0], interval, threads)
     return Simulation(
         scene,
         events,
@@ -128,10 +117,10 @@ def simulate(
         measure(built.T_world_camera, scene.duration, scene.truth.imu_rate),
         Truth(
             np.rint(seconds * 1e6).astype(np.int64),
-            gather("label").astype(np.int8),
-            gather("depth"),
-            flow,
-            gather("intensity"),
+            images["label"].astype(np.int8),
+            images["depth"],
+            np.stack([images["flow_x"], images["flow_y"]], axis=1),
+            images["intensity"],
             built.T_world_camera.poses(seconds),
             np.stack(objects, axis=1) if objects else np.zeros((len(seconds), 0, 4, 4)),
             labels,

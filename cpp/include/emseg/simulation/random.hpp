@@ -1,5 +1,5 @@
-// Counter-based random numbers: a draw depends on key, stream and counter alone, so that it comes out the same
-// whatever was drawn before it and on which thread.
+// Counter-based random numbers: a draw depends on key, stream and counter alone, so that it comes out the
+// same whatever was drawn before it and on which thread.
 #pragma once
 
 #include <cmath>
@@ -8,8 +8,8 @@
 namespace emseg::simulation {
 
 // The finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA
-// 2014), used as a keyed function of a counter as in Salmon et al., "Parallel random numbers: as easy as 1, 2,
-// 3", SC 2011.
+// 2014), used as a keyed function of a counter as in Salmon et al., "Parallel random numbers: as easy as 1,
+// 2, 3", SC 2011.
 class CounterRandom {
  public:
   explicit CounterRandom(std::uint64_t seed) : key_(mix(seed + golden)) {}

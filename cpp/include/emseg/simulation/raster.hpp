@@ -1,7 +1,7 @@
 // The renderer: what a tile of the sensor sees at a moment, by scan conversion of flat surfaces.
 //
-// Per pixel the nearest surface is found by its exact depth at the pixel's centre; surfaces whose outline runs
-// through the pixel cover a part of it, in proportion to the outline's distance from the centre, so that
+// Per pixel the nearest surface is found by its exact depth at the pixel's centre; surfaces whose outline
+// runs through the pixel cover a part of it, in proportion to the outline's distance from the centre, so that
 // intensity is a continuous function of time.
 #pragma once
 
@@ -56,16 +56,17 @@ struct Layer {
 
 struct TileImage {
   double seconds = 0;
-  std::vector<float> intensity;         // per pixel of the tile, row by row
-  std::vector<float> inverse_depth;     // of the front surface, 1/m
-  std::vector<std::int16_t> front;      // the surface that covers the pixel's centre: index in surfaces, or -1
-  std::vector<std::int32_t> mixture;    // index in mixtures where several surfaces share the pixel, else -1
+  std::vector<float> intensity;       // per pixel of the tile, row by row
+  std::vector<float> inverse_depth;   // of the front surface, 1/m
+  std::vector<std::int16_t> front;    // the surface that covers the pixel's centre: index in surfaces, or -1
+  std::vector<std::int32_t> mixture;  // index in mixtures where several surfaces share the pixel, else -1
   std::vector<std::pair<int, int>> mixtures;  // begin and end in layers, front to back
   std::vector<Layer> layers;
   std::vector<ProjectedSurface> surfaces;
-  // What the picture depends on: the lights, and where the bodies are that may reach into the tile.
-  std::vector<std::pair<int, Pose>> T_camera_bodies;  // by cluster: surfaces of one body, in the scene's order
-  std::vector<float> gains;
+  // What the picture depends on: where the bodies are that reach into the tile or come near it, by cluster
+  // (surfaces of one body that follow each other in the scene), and the brightness of the lights on them.
+  std::vector<std::pair<int, Pose>> T_camera_bodies;
+  std::vector<float> gains;  // 1 for lights that do not shine here
 };
 
 class TileRenderer {
@@ -78,6 +79,10 @@ class TileRenderer {
 
   // The largest motion in the image, px, of what `from` shows on its way to the moment of `to`.
   double largest_motion(const TileImage& from, const TileImage& to) const;
+
+  // The largest motion in the image, px, of the middle of anything in or near the tile: what moves far may
+  // pass through a corner of the tile between two moments, seen at neither.
+  double largest_passage(const TileImage& from, const TileImage& to) const;
 
   // Where a place of the tile, seen on a surface at one moment, is in the image at another.
   struct Landing {
@@ -101,6 +106,7 @@ class TileRenderer {
     int begin = 0, end = 0;
     Vec3 centre;  // in the body's frame
     double radius = 0;
+    std::vector<int> lights;
   };
 
   // What does not change of a surface: its edges as distances in metres, a u + b v + c.
@@ -136,13 +142,13 @@ class TileRenderer {
   const Scene& scene_;
   Region tile_;
   bool pinhole_ = true;
-  double centre_x_ = 0, centre_y_ = 0;        // undistorted position that local coordinates count from
-  std::vector<float> local_x_, local_y_;      // undistorted positions of the pixels, relative to the centre
-  std::array<float, 4> bounds_{};             // of these: least x, greatest x, least y, greatest y
+  double centre_x_ = 0, centre_y_ = 0;    // undistorted position that local coordinates count from
+  std::vector<float> local_x_, local_y_;  // undistorted positions of the pixels, relative to the centre
+  std::array<float, 4> bounds_{};         // of these: least x, greatest x, least y, greatest y
   std::vector<Cluster> clusters_;
   std::vector<Prepared> prepared_;
   std::vector<Partial> partials_;
-  std::vector<std::int32_t> first_partial_;   // per pixel, -1: none
+  std::vector<std::int32_t> first_partial_;  // per pixel, -1: none
   std::vector<std::int32_t> shared_pixels_;
 };
 

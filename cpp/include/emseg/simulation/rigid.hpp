@@ -47,10 +47,9 @@ class Path {
 
   Path() : samples_(1) {}
 
-  // The first sample is at time 0; `interval` in seconds.  Quaternions are normalised, and of each the sign is
-  // taken that is nearer to the one before.
-  // Throws std::invalid_argument for no samples, an interval that is not positive, or numbers that are not
-  // finite or, of a quaternion, all zero.
+  // The first sample is at time 0; `interval` in seconds.  Quaternions are normalised, and of each the sign
+  // is taken that is nearer to the one before. Throws std::invalid_argument for no samples, an interval that
+  // is not positive, or numbers that are not finite or, of a quaternion, all zero.
   Path(std::vector<Sample> samples, double interval);
 
   Pose at(double seconds) const;

@@ -29,18 +29,18 @@ enum class OutlineKind {
 struct Outline {
   OutlineKind kind = OutlineKind::polygon;
   std::vector<PlanePoint> polygon;
-  double radius = 0;                                      // blob
-  std::array<std::array<double, 2>, 4> harmonics{};       // blob: cosine and sine parts of orders 2 .. 5
-  std::array<double, 2> pitch{};                          // net: distance of its bars along u and v; 0: none
-  double bar = 0;                                         // net: width of a bar
+  double radius = 0;                                 // blob
+  std::array<std::array<double, 2>, 4> harmonics{};  // blob: cosine and sine parts of orders 2 .. 5
+  std::array<double, 2> pitch{};                     // net: distance of its bars along u and v; 0: none
+  double bar = 0;                                    // net: width of a bar
 };
 
 // A flat surface of a body.  Its normal is cross(axis_u, axis_v); it is seen from where the normal points,
 // or from both sides.
 struct Surface {
   int body = 0;
-  Vec3 origin;              // in the body's frame
-  Vec3 axis_u{1, 0, 0};     // unit vectors in the body's frame
+  Vec3 origin;           // in the body's frame
+  Vec3 axis_u{1, 0, 0};  // unit vectors in the body's frame
   Vec3 axis_v{0, 1, 0};
   Outline outline;
   int texture = 0;

@@ -1,4 +1,5 @@
-// Textures: periodic images of reflectance with a pyramid, so that a pixel never sees detail finer than itself.
+// Textures: periodic images of reflectance with a pyramid, so that a pixel never sees detail finer than
+// itself.
 #pragma once
 
 #include <cmath>
@@ -19,11 +20,13 @@ enum class TextureKind {
 
 struct TextureOptions {
   TextureKind kind = TextureKind::leaves;
-  double grain = 16;    // texels: size of the features
-  double density = 2;   // leaves, blocks: how often the features would cover the texture if they lay side by side
-  double low = 0.15;    // reflectances are spread evenly in logarithm between low and high, 0 < low <= high <= 1
+  double grain = 16;  // texels: size of the features
+  double density =
+      2;  // leaves, blocks: how often the features would cover the texture if they lay side by side
+  double low =
+      0.15;  // reflectances are spread evenly in logarithm between low and high, 0 < low <= high <= 1
   double high = 0.85;
-  int size = 512;       // texels each way, a power of two
+  int size = 512;  // texels each way, a power of two
   std::uint64_t seed = 0;
 };
 
@@ -40,37 +43,51 @@ class Texture {
                    static_cast<std::size_t>(column)];
   }
 
-  // Bilinear in a level; u and v in texels of level 0, whose centres lie at whole numbers plus a half.
-  float sample(float u, float v, int level) const {
-    const float scale = 1.0f / static_cast<float>(1 << level);
-    const float x = u * scale - 0.5f, y = v * scale - 0.5f;
-    const int column = floor_to_int(x), row = floor_to_int(y);
-    const float a = x - static_cast<float>(column), b = y - static_cast<float>(row);
-    const int shift = log2_size_ - level, mask = (1 << shift) - 1;
-    const float* image = texels_.data() + offsets_[static_cast<std::size_t>(level)];
-    const float* top = image + (static_cast<std::ptrdiff_t>(row & mask) << shift);
-    const float* bottom = image + (static_cast<std::ptrdiff_t>((row + 1) & mask) << shift);
-    const int left = column & mask, right = (column + 1) & mask;
-    const float above = top[left] + a * (top[right] - top[left]);
-    const float below = bottom[left] + a * (bottom[right] - bottom[left]);
-    return above + b * (below - above);
+  // One level, ready to be sampled.
+  class Level {
+   public:
+    Level(const float* texels, int shift, float scale)
+        : texels_(texels), shift_(shift), mask_((1 << shift) - 1), scale_(scale) {}
+
+    // Bilinear; u and v in texels of the finest level, whose centres lie at whole numbers plus a half.
+    float sample(float u, float v) const {
+      const float x = u * scale_ - 0.5f, y = v * scale_ - 0.5f;
+      const int column = floor_to_int(x), row = floor_to_int(y);
+      const float a = x - static_cast<float>(column), b = y - static_cast<float>(row);
+      const float* top = texels_ + (static_cast<std::ptrdiff_t>(row & mask_) << shift_);
+      const float* bottom = texels_ + (static_cast<std::ptrdiff_t>((row + 1) & mask_) << shift_);
+      const int left = column & mask_, right = (column + 1) & mask_;
+      const float above = top[left] + a * (top[right] - top[left]);
+      const float below = bottom[left] + a * (bottom[right] - bottom[left]);
+      return above + b * (below - above);
+    }
+
+   private:
+    static int floor_to_int(float x) {
+      const int whole = static_cast<int>(x);
+      return whole - (x < static_cast<float>(whole) ? 1 : 0);
+    }
+
+    const float* texels_;
+    int shift_, mask_;
+    float scale_;
+  };
+
+  Level level(int k) const {
+    return {texels_.data() + offsets_[static_cast<std::size_t>(k)], log2_size_ - k,
+            1.0f / static_cast<float>(1 << k)};
   }
 
   // Between two levels; level 0 is the finest, and levels beyond the coarsest are the coarsest.
-  float sample(float u, float v, float level) const {
-    if (level <= 0) return sample(u, v, 0);
-    const int fine = static_cast<int>(level);
-    if (fine + 1 >= level_count()) return sample(u, v, level_count() - 1);
-    const float here = sample(u, v, fine), above = sample(u, v, fine + 1);
-    return here + (level - static_cast<float>(fine)) * (above - here);
+  float sample(float u, float v, float level_of_detail) const {
+    if (level_of_detail <= 0) return level(0).sample(u, v);
+    const int fine = static_cast<int>(level_of_detail);
+    if (fine + 1 >= level_count()) return level(level_count() - 1).sample(u, v);
+    const float here = level(fine).sample(u, v), above = level(fine + 1).sample(u, v);
+    return here + (level_of_detail - static_cast<float>(fine)) * (above - here);
   }
 
  private:
-  static int floor_to_int(float x) {
-    const int whole = static_cast<int>(x);
-    return whole - (x < static_cast<float>(whole) ? 1 : 0);
-  }
-
   int log2_size_ = 0;
   std::vector<std::size_t> offsets_;  // of each level in texels_
   std::vector<float> texels_;
