@@ -525,12 +525,12 @@ class Scene:
         """
     def truth(
         self,
-        seconds: typing.SupportsFloat | typing.SupportsIndex,
-        later: typing.SupportsFloat | typing.SupportsIndex,
+        seconds: numpy.typing.NDArray[numpy.float64],
+        interval: typing.SupportsFloat | typing.SupportsIndex,
         threads: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> dict[str, numpy.ndarray]:
         """
-        Images (height, width) of what is seen at a time: intensity, label, depth (m) and the motion in px until `later`.
+        Images (n, height, width) of what is seen at the given times: intensity, label, depth (m) and the motion in px over the next interval (s).
         """
 
 def check_events(

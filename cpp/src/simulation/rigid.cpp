@@ -71,21 +71,31 @@ Pose Path::at(double seconds) const {
   const auto last = static_cast<std::ptrdiff_t>(samples_.size()) - 1;
   const double place = std::clamp(seconds / interval_, 0.0, static_cast<double>(last));
   const auto k = std::min(static_cast<std::ptrdiff_t>(place), std::max<std::ptrdiff_t>(last - 1, 0));
-  const auto sample = [&](std::ptrdiff_t index) -> const Sample& {
-    return samples_[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(index, 0, last))];
-  };
   const double s = place - static_cast<double>(k);
-  if (s == 0) return pose_of(sample(k).position, sample(k).quaternion);
+  const Sample& here = samples_[static_cast<std::size_t>(k)];
+  if (s == 0) return pose_of(here.position, here.quaternion);
   const double s2 = s * s, s3 = s2 * s;
   const std::array<double, 4> weight{(-s3 + 2 * s2 - s) / 2, (3 * s3 - 5 * s2 + 2) / 2,
                                      (-3 * s3 + 4 * s2 + s) / 2, (s3 - s2) / 2};
   Vec3 position;
   std::array<double, 4> quaternion{};
+  const auto add = [&](std::ptrdiff_t index, double w) {
+    const Sample& sample = samples_[static_cast<std::size_t>(index)];
+    position = position + w * sample.position;
+    for (std::size_t i = 0; i < 4; ++i) quaternion[i] += w * sample.quaternion[i];
+  };
   for (std::ptrdiff_t j = 0; j < 4; ++j) {
-    const Sample& near = sample(k - 1 + j);
     const double w = weight[static_cast<std::size_t>(j)];
-    position = position + w * near.position;
-    for (std::size_t i = 0; i < 4; ++i) quaternion[i] += w * near.quaternion[i];
+    const std::ptrdiff_t index = k - 1 + j;
+    const std::ptrdiff_t inwards = index < 0 ? 1 : -1;
+    if (index >= 0 && index <= last) {
+      add(index, w);
+    } else if (last >= 2) {  // beyond an end the parabola through its three samples goes on
+      const std::ptrdiff_t end = index + inwards;
+      add(end, 3 * w), add(end + inwards, -3 * w), add(end + 2 * inwards, w);
+    } else {  // or the line through the two there are
+      add(index + inwards, 2 * w), add(index + 2 * inwards, -w);
+    }
   }
   return pose_of(position, quaternion);
 }

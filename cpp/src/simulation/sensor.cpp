@@ -187,7 +187,7 @@ TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region 
     reported_.push_back(static_cast<float>(log_intensity - on + share * (on + off)));
     cause_.push_back(static_cast<std::int16_t>(front_label(scene, first, k)));
   }
-  level_ = log_;
+  level_ = anchor_ = log_;
   exposure_.assign(count, 0.0f);
   awake_.assign(count, first.seconds);
   last_report_.assign(count, first.seconds);
@@ -309,6 +309,7 @@ void TileSensor::report(std::size_t pixel, const Interval& interval, float start
       t = std::min(awake_[pixel], interval.to);
       reported = level_at(t);
       last_report_[pixel] = t;
+      anchor_[pixel] = static_cast<float>(reported);
     }
     while (next_noise() < t) begin_patience();  // asleep when it came
     const double drift = slope + leak_rate;     // of the level against what was reported
@@ -337,12 +338,14 @@ void TileSensor::report(std::size_t pixel, const Interval& interval, float start
     } else {
       // A rise that is more the leak's work than the light's is noise.
       const double leaked = leak_rate * (event.t - last_report_[pixel]);
-      event.owner = event.p == 1 && leaked > 0.5 * on ? std::int16_t{-1} : cause_[pixel];
+      const double risen = level_at(event.t) - anchor_[pixel];
+      event.owner = event.p == 1 && leaked > risen ? std::int16_t{-1} : cause_[pixel];
       reported = reported - leak_rate * (event.t - t) + (event.p == 1 ? on : -off);
     }
     events.push_back(event);
     t = event.t;
     last_report_[pixel] = t;
+    anchor_[pixel] = static_cast<float>(level_at(t));
     awake_[pixel] = t + options_.refractory;
   }
   reported_[pixel] = static_cast<float>(reported);

@@ -86,6 +86,7 @@ class TileSensor {
   std::vector<float> patience_;      // exposure at which the next noise event comes
   std::vector<double> awake_;        // s, end of the refractory time
   std::vector<double> last_report_;  // s
+  std::vector<float> anchor_;        // level at the last report, or at the beginning
   std::vector<std::uint32_t> draws_;
   std::vector<std::int16_t> cause_;  // label of what last changed the pixel
   std::vector<std::size_t> asleep_;  // pixels that may be in their refractory time
