@@ -71,6 +71,24 @@ TEST_CASE("faces that meet at an edge leave no gap") {
   }
 }
 
+TEST_CASE("a needle ends at its tip") {
+  Scene scene = empty_scene(64, 48);
+  add_sheet(scene, still_at({0, 0, 9}), 0, 90, 90, add_plain_texture(scene, 1.0));
+  add_sheet(scene, still_at({0.013, 0.017, 1}), 1, 1, 1, add_plain_texture(scene, 0.1));
+  scene.surfaces.back().outline.polygon = {{-0.2, -0.01}, {0.1, 0}, {-0.2, 0.01}};  // 30 px long, 2 px wide
+  const Truth truth = truth_at(scene, 0);
+  const double tip = 31.5 + 100 * (0.013 + 0.1);
+  double sum = 0;
+  for (std::size_t y = 0; y < 48; ++y) {
+    for (std::size_t x = 0; x < 64; ++x) {
+      const double share = (1 - truth.intensity[y * 64 + x]) / 0.9;
+      sum += share;
+      if (static_cast<double>(x) > tip + 0.5) CHECK(share == doctest::Approx(0));
+    }
+  }
+  CHECK(sum == doctest::Approx(30).epsilon(0.05));  // its area
+}
+
 TEST_CASE("the nearer of two crossing sheets is seen") {
   Scene scene = empty_scene(64, 48);
   add_sheet(scene, still_at({0, 0, 3}), 1, 20, 20, add_plain_texture(scene, 0.3));

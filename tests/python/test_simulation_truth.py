@@ -219,7 +219,7 @@ def test_depth_of_a_box_room() -> None:
 
 
 def test_events_of_a_dense_simulation() -> None:
-    """Events against a sensor of a few lines of NumPy that looks every 0.02 px: nearly all, to 0.1 px of motion."""
+    """Nearly all events of a sensor in a few lines of NumPy that looks every 0.02 px, to 0.1 px of motion."""
     bodies = [
         {
             "shape": {"kind": "rectangle", "size": [9, 9]},

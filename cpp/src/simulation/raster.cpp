@@ -355,6 +355,15 @@ float TileRenderer::coverage(const ProjectedSurface& seen, float x, float y) con
   } else {
     for (std::size_t k = 0; k < count; ++k) share *= clamp01(inside[k] + 0.5f);
   }
+  // At a sharp corner the product would reach far beyond the tip, where the strip between the sides has no
+  // width.
+  for (std::size_t k = 0; k < count && share > 0; ++k) {
+    for (std::size_t j = k + 1; j < count; ++j) {
+      const float opposed = -(seen.edges[k].gx * seen.edges[j].gx + seen.edges[k].gy * seen.edges[j].gy);
+      const float sharp = clamp01((opposed - 0.6f) / 0.35f);
+      if (sharp > 0) share -= sharp * std::max(0.0f, share - strip(inside[k], inside[j]));
+    }
+  }
   const Outline& outline = scene_.surfaces[static_cast<std::size_t>(seen.surface)].outline;
   if (share <= 0 || outline.kind == OutlineKind::polygon) return share;
   const Footprint footprint = footprint_at(seen, x, y);
