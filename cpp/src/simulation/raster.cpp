@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "coverage.hpp"
 #include "emseg/simulation/numeric.hpp"
 
 namespace emseg::simulation {
@@ -26,69 +27,6 @@ struct Form {
     return {static_cast<float>(c), static_cast<float>(gx), static_cast<float>(gy)};
   }
 };
-
-float clamp01(float x) { return std::min(std::max(x, 0.0f), 1.0f); }
-
-// Share of a unit box around a point that lies in a strip, given the distances inside its two sides.
-float strip(float inside_one, float inside_other) {
-  return std::max(0.0f, clamp01(inside_one + 0.5f) + clamp01(inside_other + 0.5f) - 1);
-}
-
-// Share of a pixel covered by bars of a net that lie `pitch` apart; `u` and the pixel's `footprint` in
-// metres.
-float bars(float u, float pitch, float bar, float footprint) {
-  if (!(pitch > 0)) return 0;
-  const float from_bar = std::abs(u - pitch * std::nearbyint(u / pitch));
-  return strip((bar / 2 - from_bar) / footprint, (bar / 2 + from_bar) / footprint);
-}
-
-// How place on the plane changes from pixel to pixel.
-struct Footprint {
-  float u, v;            // the place
-  float ux, uy, vx, vy;  // metres per px
-};
-
-Footprint footprint_at(const ProjectedSurface& seen, float x, float y) {
-  const float depth = 1 / seen.w.at(x, y);
-  const float u = seen.u.at(x, y) * depth, v = seen.v.at(x, y) * depth;
-  return {u,
-          v,
-          (seen.u.gx - u * seen.w.gx) * depth,
-          (seen.u.gy - u * seen.w.gy) * depth,
-          (seen.v.gx - v * seen.w.gx) * depth,
-          (seen.v.gy - v * seen.w.gy) * depth};
-}
-
-float blob_coverage(const Outline& outline, const Footprint& f) {
-  const float r = std::sqrt(f.u * f.u + f.v * f.v);
-  const auto radius = static_cast<float>(outline.radius);
-  if (r < 1e-3f * radius) return 1;
-  const float cosine = f.u / r, sine = f.v / r;
-  float re = cosine, im = sine;  // of exp(i k angle)
-  float extent = 1, slope = 0;   // of the outline over the angle, in radii
-  for (std::size_t k = 0; k < outline.harmonics.size(); ++k) {
-    const float next = re * cosine - im * sine;
-    im = re * sine + im * cosine;
-    re = next;
-    const auto a = static_cast<float>(outline.harmonics[k][0]),
-               b = static_cast<float>(outline.harmonics[k][1]);
-    extent += a * re + b * im;
-    slope += static_cast<float>(k + 2) * (b * re - a * im);
-  }
-  // The gradient of r - R(angle), on the plane and then in the image.
-  const float tangent = radius * slope / r;
-  const float gu = cosine + tangent * sine, gv = sine - tangent * cosine;
-  const float gx = gu * f.ux + gv * f.vx, gy = gu * f.uy + gv * f.vy;
-  const float per_px = std::sqrt(gx * gx + gy * gy);
-  return clamp01((radius * extent - r) / std::max(per_px, 1e-12f) + 0.5f);
-}
-
-float net_coverage(const Outline& outline, const Footprint& f) {
-  const auto bar = static_cast<float>(outline.bar);
-  const float along_u = bars(f.u, static_cast<float>(outline.pitch[0]), bar, std::hypot(f.ux, f.uy));
-  const float along_v = bars(f.v, static_cast<float>(outline.pitch[1]), bar, std::hypot(f.vx, f.vy));
-  return 1 - (1 - along_u) * (1 - along_v);
-}
 
 }  // namespace
 
@@ -346,24 +284,7 @@ void TileRenderer::scan_row(int row, int projected, TileImage& image) {
 
 // Share of a pixel that the surface covers, were nothing in front.
 float TileRenderer::coverage(const ProjectedSurface& seen, float x, float y) const {
-  std::array<float, 8> inside{};
-  const auto count = static_cast<std::size_t>(seen.edge_count);
-  for (std::size_t k = 0; k < count; ++k) inside[k] = seen.edges[k].at(x, y);
-  float share = 1;
-  if (count == 4) {
-    share = strip(inside[0], inside[2]) * strip(inside[1], inside[3]);
-  } else {
-    for (std::size_t k = 0; k < count; ++k) share *= clamp01(inside[k] + 0.5f);
-  }
-  // At a sharp corner the product would reach far beyond the tip, where the strip between the sides has no
-  // width.
-  for (std::size_t k = 0; k < count && share > 0; ++k) {
-    for (std::size_t j = k + 1; j < count; ++j) {
-      const float opposed = -(seen.edges[k].gx * seen.edges[j].gx + seen.edges[k].gy * seen.edges[j].gy);
-      const float sharp = clamp01((opposed - 0.6f) / 0.35f);
-      if (sharp > 0) share -= sharp * std::max(0.0f, share - strip(inside[k], inside[j]));
-    }
-  }
+  const float share = polygon_coverage(seen, x, y);
   const Outline& outline = scene_.surfaces[static_cast<std::size_t>(seen.surface)].outline;
   if (share <= 0 || outline.kind == OutlineKind::polygon) return share;
   const Footprint footprint = footprint_at(seen, x, y);

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from emseg.simulation.scene import Scene
-from emseg.simulation.simulate import simulate
+from emseg.simulation.simulator import simulate
 from emseg.yaml_files import ConfigError
 
 __all__ = ["simulate_scene", "simulate_suite"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import emseg
-from emseg.simulation.simulate import Simulation
+from emseg.simulation.simulator import Simulation
 
 __all__ = ["arrays_of", "write_arrays", "write_npz"]
 

@@ -18,7 +18,7 @@ import numpy as np
 import emseg
 from emseg.batch import exit_on_signal
 from emseg.simulation.files import write_npz
-from emseg.simulation.simulate import simulate
+from emseg.simulation.simulator import simulate
 from emseg.simulation.suite import DURATION, NAMES, split_of, suite_scene
 
 __all__ = ["MANIFEST", "Outcome", "SuiteJob", "generate", "suite_jobs", "write_manifest"]

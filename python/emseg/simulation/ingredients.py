@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
+from emseg.simulation.motion import Motion, Shake, Wave
 from emseg.simulation.randomness import Random
 from emseg.simulation.scene import (
     Ball,
@@ -15,15 +16,12 @@ from emseg.simulation.scene import (
     CameraDescription,
     Cylinder,
     Disc,
-    Motion,
     Net,
     Person,
     Rectangle,
     Sensor,
-    Shake,
     Shape,
     Texture,
-    Wave,
 )
 
 __all__ = ["Place", "cards", "furniture", "grid", "room", "sensor", "texture", "wall"]
@@ -75,7 +73,7 @@ class Place:
         return (speed * math.cos(angle), speed * math.sin(angle), 0.0)
 
     def crossing(self, speed: tuple[float, float], depth: float, *, margin: float = 0.7) -> Motion:
-        """A motion through the image whose middle, at half time, lies within `margin` of the image's middle."""
+        """A motion through the image that passes within `margin` of its middle at half time."""
         random = self.random
         velocity = self.velocity(
             random.spread(*speed), random.uniform(-0.08, 0.08) + random.choice((0, 0.5)), depth

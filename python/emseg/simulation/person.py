@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from emseg.simulation.scene import Ball, Box, Motion, Part, Person, Texture, Wave
+from emseg.simulation.motion import Motion, Wave
+from emseg.simulation.scene import Ball, Box, Part, Person, Texture
 
 __all__ = ["parts_of_person"]
 

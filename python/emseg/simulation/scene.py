@@ -7,7 +7,6 @@ rotation vectors in degrees, reflectances lie between 0 and 1.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -15,9 +14,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from emseg.camera import Camera
+from emseg.simulation.motion import ZERO, Description, Motion, NotNegative, Positive, Vector
 from emseg.yaml_files import ConfigError, nearest, read_yaml
 
 __all__ = [
@@ -31,110 +31,24 @@ __all__ = [
     "Flicker",
     "Lighting",
     "Mesh",
-    "Motion",
     "Net",
     "Part",
     "Person",
     "Rectangle",
     "Scene",
     "Sensor",
-    "Shake",
     "Shape",
     "Texture",
     "TruthRate",
-    "Wave",
-    "Waypoint",
 ]
 
 LARGEST_SENSOR: Final = 4096  # px each way
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
-# YAML knows lists only: they are taken for tuples, while their numbers stay strict.
-Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Pair = Annotated[tuple[Positive, Positive], Field(strict=False)]
-Interval = Annotated[tuple[float, float], Field(strict=False)]
-ZERO: Final = (0.0, 0.0, 0.0)
 
 
-class _Description(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Wave(_Description):
-    """A sine: amplitude sin(2π (frequency t + phase))."""
-
-    amplitude: Vector  # m, or degrees
-    frequency: Annotated[float, Field(gt=0, le=1000)]  # Hz
-    phase: float = 0.0  # turns
-
-
-class Waypoint(_Description):
-    """Where a motion passes at a time; between waypoints runs a natural cubic spline."""
-
-    at: float  # s
-    position: Vector = ZERO
-    rotation: Vector = ZERO
-
-
-class Shake(_Description):
-    """Trembling, as of a hand or a drone: a sum of sines of random directions below a frequency."""
-
-    translation: NotNegative = 0.0  # m, root mean square
-    rotation: NotNegative = 0.0  # degrees, root mean square
-    frequency: Annotated[float, Field(gt=0, le=100)] = 8.0  # Hz, the highest
-    seed: Annotated[int, Field(ge=0)] = 0
-
-
-class Motion(_Description):
-    """A rigid motion: the sum of its parts.  Without any it stands still.
-
-    Attributes:
-        position, rotation: At the start.
-        velocity: m/s.
-        acceleration: m/s².
-        spin: Degrees per second about an axis of the moving body.
-        waves: Sines added to the position, m.
-        swings: Sines of rotation, degrees.
-        waypoints: A spline added to the position and rotation.
-        shake: Trembling.
-        pauses: Intervals, s, in which it stands still; it goes on where it stopped.
-    """
-
-    position: Vector = ZERO
-    rotation: Vector = ZERO
-    velocity: Vector = ZERO
-    acceleration: Vector = ZERO
-    spin: Vector = ZERO
-    waves: Annotated[tuple[Wave, ...], Field(strict=False)] = ()
-    swings: Annotated[tuple[Wave, ...], Field(strict=False)] = ()
-    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False)] = ()
-    shake: Shake | None = None
-    pauses: Annotated[tuple[Interval, ...], Field(strict=False)] = ()
-
-    @model_validator(mode="after")
-    def _times_rise(self) -> Self:
-        times = [point.at for point in self.waypoints]
-        if len(times) == 1 or any(b <= a for a, b in itertools.pairwise(times)):
-            raise ValueError(f"waypoints are at {times} s, expected two or more rising times")
-        ends = [end for pause in self.pauses for end in pause]
-        if any(b <= a for a, b in itertools.pairwise(ends)):
-            raise ValueError(f"pauses are {list(self.pauses)}, expected rising times")
-        return self
-
-    @property
-    def is_still(self) -> bool:
-        """Whether nothing in it moves."""
-        moving = (self.velocity, self.acceleration, self.spin)
-        return (
-            all(vector == ZERO for vector in moving)
-            and not (self.waves or self.swings or self.waypoints)
-            and (self.shake is None or not (self.shake.translation or self.shake.rotation))
-        )
-
-
-class Texture(_Description):
+class Texture(Description):
     """What a surface shows.
 
     Attributes:
@@ -159,21 +73,21 @@ class Texture(_Description):
         return self
 
 
-class Rectangle(_Description):
+class Rectangle(Description):
     """A flat rectangle that faces along -z, seen from both sides."""
 
     kind: Literal["rectangle"] = "rectangle"
     size: Pair
 
 
-class Disc(_Description):
+class Disc(Description):
     """A flat disc that faces along -z, seen from both sides."""
 
     kind: Literal["disc"] = "disc"
     radius: Positive
 
 
-class Blob(_Description):
+class Blob(Description):
     """A flat shape with a wavy outline, seen from both sides."""
 
     kind: Literal["blob"] = "blob"
@@ -182,7 +96,7 @@ class Blob(_Description):
     seed: Annotated[int, Field(ge=0)] = 0
 
 
-class Net(_Description):
+class Net(Description):
     """Bars of a grid in a flat rectangle; a pitch of zero along an axis leaves its bars out: a fence."""
 
     kind: Literal["net"] = "net"
@@ -197,7 +111,7 @@ class Net(_Description):
         return self
 
 
-class Box(_Description):
+class Box(Description):
     """A box; with `seen_from: inside` a room."""
 
     kind: Literal["box"] = "box"
@@ -205,7 +119,7 @@ class Box(_Description):
     seen_from: Literal["outside", "inside"] = "outside"
 
 
-class Cylinder(_Description):
+class Cylinder(Description):
     """A prism with many sides, its axis along y."""
 
     kind: Literal["cylinder"] = "cylinder"
@@ -214,7 +128,7 @@ class Cylinder(_Description):
     sides: Annotated[int, Field(ge=3, le=64)] = 12
 
 
-class Ball(_Description):
+class Ball(Description):
     """An icosahedron whose faces are divided `detail` times: 20, 80 or 320 triangles."""
 
     kind: Literal["ball"] = "ball"
@@ -222,7 +136,7 @@ class Ball(_Description):
     detail: Annotated[int, Field(ge=0, le=2)] = 1
 
 
-class Mesh(_Description):
+class Mesh(Description):
     """Flat convex faces between vertices, each seen from one side.
 
     A face lists 3 to 8 vertices in such an order that cross(second - first, last - first) points to where it
@@ -249,7 +163,7 @@ class Mesh(_Description):
 Shape = Annotated[Rectangle | Disc | Blob | Net | Box | Cylinder | Ball | Mesh, Field(discriminator="kind")]
 
 
-class Part(_Description):
+class Part(Description):
     """A part of an articulated body; its motion is relative to its parent's frame, or to the body's.
 
     `position` of the motion is where the joint is in the parent; `offset` where the shape's centre is from
@@ -264,7 +178,7 @@ class Part(_Description):
     texture: Texture | None = None  # None: the body's
 
 
-class Person(_Description):
+class Person(Description):
     """A walking person of ten parts: legs and arms swing about hips, knees, shoulders and elbows.
 
     Stands on y = 0 of the body's frame and faces along its x axis; the body's motion carries it forward.
@@ -276,7 +190,7 @@ class Person(_Description):
     phase: float = 0.0  # turns
 
 
-class Body(_Description):
+class Body(Description):
     """Something rigid or articulated; exactly one of shape, parts and person.
 
     `label` is the owner of its events: 0 background, 1.. objects.  None: 0 if it never moves, else the next
@@ -313,7 +227,7 @@ class Body(_Description):
         return self.motion.is_still and not walks and all(part.motion.is_still for part in self.parts)
 
 
-class CameraDescription(_Description):
+class CameraDescription(Description):
     """The camera: its sensor, lens and motion.  Give fx and fy, or the field of view."""
 
     width: Annotated[int, Field(ge=8, le=LARGEST_SENSOR)] = 346
@@ -352,7 +266,7 @@ class CameraDescription(_Description):
         )
 
 
-class Flicker(_Description):
+class Flicker(Description):
     """A light whose brightness changes periodically, down from 1 by `depth`.
 
     sine: as lamps on the mains; square: on for the share `duty` of the period; strobe: flashes of that share,
@@ -366,13 +280,13 @@ class Flicker(_Description):
     phase: float = 0.0  # turns
 
 
-class Lighting(_Description):
+class Lighting(Description):
     """Light: from everywhere and from a sun; flickering lights by name, for bodies that ask for them."""
 
     ambient: Share = 0.65
     sun: Vector = (0.3, 0.7, 0.65)  # the way it shines
     sky: Share = 0.5  # intensity where there is no surface
-    flickers: dict[str, Flicker] = {}
+    flickers: dict[str, Flicker] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _sun_shines(self) -> Self:
@@ -381,7 +295,7 @@ class Lighting(_Description):
         return self
 
 
-class Sensor(_Description):
+class Sensor(Description):
     """The sensor; names and defaults are the native ones, see docs/simulation.md for their meaning."""
 
     threshold_on: Positive = 0.25
@@ -405,14 +319,14 @@ class Sensor(_Description):
         return cls(threshold_sigma=0.0, refractory=0.0)
 
 
-class TruthRate(_Description):
+class TruthRate(Description):
     """How often the truth is given."""
 
     interval: Annotated[float, Field(gt=0, le=10)] = 0.01  # s, of masks, depth, flow and poses
     imu_rate: Annotated[float, Field(gt=0, le=2000)] = 200.0  # Hz
 
 
-class Scene(_Description):
+class Scene(Description):
     """A scene: everything that `emseg simulate` needs to know.
 
     The same scene gives the same bytes.

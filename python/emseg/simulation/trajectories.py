@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emseg import _core
+from emseg.simulation.motion import Motion, Shake, Waypoint
 from emseg.simulation.randomness import Random
-from emseg.simulation.scene import Motion, Shake, Waypoint
 
 __all__ = ["SAMPLE_INTERVAL", "Track", "multiply", "rotate", "rotation_quaternion"]
 
