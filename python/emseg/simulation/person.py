@@ -22,11 +22,14 @@ def parts_of_person(person: Person, texture: Texture) -> list[Part]:
     the trunk rises and falls twice in a double step.
     """
     h = person.height
-    bob = Wave(amplitude=(0.0, 0.012 * h, 0.0), frequency=2 * person.cadence, phase=2 * person.phase)
+    bob: tuple[Wave, ...] = ()
+    if person.cadence:
+        amplitude = (0.0, 0.012 * h, 0.0)
+        bob = (Wave(amplitude=amplitude, frequency=2 * person.cadence, phase=2 * person.phase),)
     trunk = Part(
         name="trunk",
         shape=Box(size=(0.11 * h, 0.31 * h, 0.2 * h)),
-        motion=Motion(position=(0.0, -0.53 * h, 0.0), waves=(bob,) if person.cadence else ()),
+        motion=Motion(position=(0.0, -0.53 * h, 0.0), waves=bob),
         offset=(0.0, -0.145 * h, 0.0),
     )
     head = Part(
