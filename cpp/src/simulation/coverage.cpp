@@ -45,7 +45,11 @@ float polygon_coverage(const ProjectedSurface& seen, float x, float y) {
 float blob_coverage(const Outline& outline, const Footprint& f) {
   const float r = std::sqrt(f.u * f.u + f.v * f.v);
   const auto radius = static_cast<float>(outline.radius);
-  if (r < 1e-3f * radius) return 1;
+  float stray = 0;  // of the outline from its circle, at most
+  for (const auto& [a, b] : outline.harmonics) stray += static_cast<float>(std::abs(a) + std::abs(b));
+  const float pixel = std::abs(f.ux) + std::abs(f.uy) + std::abs(f.vx) + std::abs(f.vy);
+  if (r < std::max(radius * (1 - stray) - pixel, 1e-3f * radius)) return 1;
+  if (r > radius * (1 + stray) + pixel) return 0;
   const float cosine = f.u / r, sine = f.v / r;
   float re = cosine, im = sine;  // of exp(i k angle)
   float extent = 1, slope = 0;   // of the outline over the angle, in radii

@@ -22,7 +22,8 @@ struct Footprint {
 };
 
 inline Footprint footprint_at(const ProjectedSurface& seen, float x, float y) {
-  const float depth = 1 / seen.w.at(x, y);
+  // Beyond the horizon there is no place; what is asked for there is of no weight.
+  const float depth = 1 / std::max(seen.w.at(x, y), 1e-4f);
   const float u = seen.u.at(x, y) * depth, v = seen.v.at(x, y) * depth;
   return {u,
           v,

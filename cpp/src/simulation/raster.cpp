@@ -15,6 +15,7 @@ constexpr float least_inverse_depth = 1e-4f;  // 10 km: what is farther is sky
 constexpr float greatest_inverse_depth = 100.0f;
 constexpr float covered = 1 - 1e-4f;  // shares above it are the whole pixel, shares below 1e-4 nothing
 constexpr double neighbourhood = 16;  // px around a tile in which bodies are watched
+constexpr int level_block = 8;        // px over which the level of a texture is interpolated
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
 struct Form {
@@ -300,8 +301,20 @@ float TileRenderer::level_at(const ProjectedSurface& seen, float x, float y) con
   const auto scale =
       static_cast<float>(scene_.surfaces[static_cast<std::size_t>(seen.surface)].texels_per_metre);
   const float texels = std::max(across, down) * (scale * scale);
-  if (!(texels > 1)) return 0;
-  return 0.5f * 1.44269504f * fast_log(std::min(texels, 1e30f));
+  if (!(texels > 2)) return 0;
+  return 0.5f * (1.44269504f * fast_log(std::min(texels, 1e30f)) - 1);
+}
+
+// Over a tile the size of texels in the image has its extremes at the corners.
+ProjectedSurface::Detail TileRenderer::detail_of(const ProjectedSurface& seen) const {
+  for (const float x : {bounds_[0], bounds_[1]}) {
+    for (const float y : {bounds_[2], bounds_[3]}) {
+      if (seen.w.at(x, y) < least_inverse_depth || level_at(seen, x, y) > 0) {
+        return ProjectedSurface::Detail::varying;
+      }
+    }
+  }
+  return ProjectedSurface::Detail::finest;
 }
 
 float TileRenderer::shade_at(const ProjectedSurface& seen, float x, float y) const {
@@ -337,26 +350,32 @@ void TileRenderer::shade(TileImage& image) const {
       const auto scale = static_cast<float>(surface.texels_per_metre);
       const auto offset_u = static_cast<float>(surface.texture_offset[0]);
       const auto offset_v = static_cast<float>(surface.texture_offset[1]);
-      // The level hardly bends along a run: between its ends it is interpolated.
-      const float first = level_at(seen, local_x[begin], local_y[begin]);
-      const float last = level_at(seen, local_x[end - 1], local_y[end - 1]);
       const auto texel = [&](int x, auto sample) {
         const float depth = scale / seen.w.at(local_x[x], local_y[x]);
         const float tu = seen.u.at(local_x[x], local_y[x]) * depth + offset_u;
         const float tv = seen.v.at(local_x[x], local_y[x]) * depth + offset_v;
         return brightness * sample(tu, tv);
       };
-      if (first <= 0 && last <= 0) {
+      if (seen.detail == ProjectedSurface::Detail::unknown) seen.detail = detail_of(seen);
+      if (seen.detail == ProjectedSurface::Detail::finest) {
         const Texture::Level finest = texture.level(0);
         for (int x = begin; x < end; ++x) {
           intensity[x] = texel(x, [&](float tu, float tv) { return finest.sample(tu, tv); });
         }
         continue;
       }
-      const float step = end - begin > 1 ? (last - first) / static_cast<float>(end - 1 - begin) : 0;
-      float level = first;
-      for (int x = begin; x < end; ++x, level += step) {
-        intensity[x] = texel(x, [&](float tu, float tv) { return texture.sample(tu, tv, level); });
+      // Along a few columns the level is as good as linear.  Which ones they are does not depend on the run:
+      // what a surface shows must not change as something else passes by.
+      for (int block = begin - begin % level_block; block < end; block += level_block) {
+        const int last = std::min(block + level_block, tile_.width) - 1;
+        const float start_level = level_at(seen, local_x[block], local_y[block]);
+        const float step = last > block ? (level_at(seen, local_x[last], local_y[last]) - start_level) /
+                                              static_cast<float>(last - block)
+                                        : 0;
+        for (int x = std::max(begin, block); x < std::min(end, last + 1); ++x) {
+          const float level = start_level + static_cast<float>(x - block) * step;
+          intensity[x] = texel(x, [&](float tu, float tv) { return texture.sample(tu, tv, level); });
+        }
       }
     }
   }

@@ -120,14 +120,19 @@ int responsible_label(const Scene& scene, const TileImage& before, const TileIma
   if (parts.count == 1) return label_of(scene, parts.items[0].surface);
   std::stable_sort(parts.items.begin(), parts.items.begin() + static_cast<std::ptrdiff_t>(parts.count),
                    [](const Part& a, const Part& b) { return a.inverse_depth > b.inverse_depth; });
-  // Intensity of what lies behind each part, before and after; behind the last there is nothing.
-  std::array<std::array<float, 2>, most_parts + 1> behind{};
-  for (std::size_t side = 0; side < 2; ++side) {
-    float weight = 0, sum = 0;
-    for (std::size_t k = parts.count; k-- > 0;) {
-      behind[k][side] = weight > 1e-6f ? sum / weight : parts.items[k].intensity[side];
-      weight += parts.items[k].weight[side];
-      sum += parts.items[k].weight[side] * parts.items[k].intensity[side];
+  // Intensity of what lies behind each part, before and after.  Where nothing is seen of it on one side, what
+  // is seen on the other counts, and where on neither, the part's own.
+  std::array<std::array<float, 2>, most_parts> behind{};
+  std::array<float, 2> weight{}, sum{};
+  for (std::size_t k = parts.count; k-- > 0;) {
+    const Part& part = parts.items[k];
+    for (std::size_t side = 0; side < 2; ++side) {
+      const std::size_t seen = weight[side] > 1e-6f ? side : 1 - side;
+      behind[k][side] = weight[seen] > 1e-6f ? sum[seen] / weight[seen] : part.intensity[side];
+    }
+    for (std::size_t side = 0; side < 2; ++side) {
+      weight[side] += part.weight[side];
+      sum[side] += part.weight[side] * part.intensity[side];
     }
   }
   std::array<std::pair<int, float>, most_parts> change{};  // by label
@@ -160,7 +165,12 @@ int responsible_label(const Scene& scene, const TileImage& before, const TileIma
 }
 
 TileSensor::TileSensor(const Scene& scene, const SensorOptions& options, Region tile, const TileImage& first)
-    : scene_(scene), options_(options), random_(options.seed), tile_(tile) {
+    : scene_(scene),
+      options_(options),
+      random_(options.seed),
+      tile_(tile),
+      shot_noise_dark_(static_cast<float>(options.shot_noise)),
+      shot_noise_fading_(static_cast<float>(options.shot_noise * (1 - options.shot_noise_bright))) {
   const std::size_t count = tile.area();
   assert(first.intensity.size() == count);
   const auto dark = static_cast<float>(options.dark_intensity);
@@ -206,12 +216,6 @@ std::uint64_t TileSensor::stream_of(std::size_t pixel) const {
 
 double TileSensor::draw_patience(std::size_t pixel) {
   return random_.exponential(stream_of(pixel), Draw::events + 2 * std::uint64_t{draws_[pixel]++});
-}
-
-float TileSensor::noise_rate(std::size_t pixel, float intensity) const {
-  const auto dark = static_cast<float>(options_.shot_noise);
-  const auto fading = static_cast<float>(options_.shot_noise * (1 - options_.shot_noise_bright));
-  return hot_rate_[pixel] + std::max(dark - fading * intensity, 0.0f);
 }
 
 void TileSensor::expose(const TileImage& before, const TileImage& after, double from, double to,

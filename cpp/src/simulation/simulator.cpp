@@ -117,8 +117,58 @@ class TileRun {
   double next_step_ = 0;
 };
 
-std::uint64_t order_key(const SimulatedEvent& event, std::int64_t t) {
-  return (static_cast<std::uint64_t>(t) << 24) ^ (static_cast<std::uint64_t>(event.y) << 12) ^ event.x;
+// Indices in the order of rising times, those of equal times as they are: digit by digit, least ones first.
+std::vector<std::uint32_t> order_of(const std::vector<std::int64_t>& times) {
+  constexpr int bits = 11;
+  constexpr std::size_t digits = std::size_t{1} << bits;
+  std::vector<std::uint32_t> order(times.size()), sorted(times.size());
+  std::iota(order.begin(), order.end(), 0u);
+  const std::int64_t last = times.empty() ? 0 : *std::max_element(times.begin(), times.end());
+  for (int shift = 0; (last >> shift) > 0; shift += bits) {
+    const auto digit = [&](std::uint32_t k) {
+      return static_cast<std::size_t>(times[k] >> shift) & (digits - 1);
+    };
+    std::vector<std::uint32_t> place(digits + 1, 0);
+    for (const std::uint32_t k : order) ++place[digit(k) + 1];
+    std::partial_sum(place.begin(), place.end(), place.begin());
+    for (const std::uint32_t k : order) sorted[place[digit(k)]++] = k;
+    order.swap(sorted);
+  }
+  return order;
+}
+
+// Each event is stamped after its latency, in whole microseconds, one after the other on the bus.
+SimulatedEvents read_out(const std::vector<SimulatedEvent>& all, const SimulationOptions& options,
+                         const CounterRandom& random) {
+  std::vector<std::int64_t> times;
+  times.reserve(all.size());
+  for (const SimulatedEvent& event : all) {
+    double delay = 0;
+    if (options.latency_jitter > 0) {
+      const auto pixel = (static_cast<std::uint64_t>(event.y) << 32) + event.x;
+      const auto nanosecond = static_cast<std::uint64_t>(std::llround(event.t * 1e9));
+      delay = options.latency_jitter * random.exponential(pixel, nanosecond);
+    }
+    times.push_back(static_cast<std::int64_t>(std::floor((event.t + delay) * 1e6)));
+  }
+  SimulatedEvents events;
+  events.x.reserve(all.size()), events.y.reserve(all.size()), events.t.reserve(all.size());
+  events.p.reserve(all.size()), events.owner.reserve(all.size());
+  double free_at = 0;  // us, when the bus has carried the event before
+  for (const std::uint32_t k : order_of(times)) {
+    std::int64_t t = times[k];
+    if (options.readout_interval > 0) {
+      free_at = std::max(free_at, static_cast<double>(t));
+      t = static_cast<std::int64_t>(free_at);
+      free_at += 1e6 * options.readout_interval;
+    }
+    events.x.push_back(all[k].x);
+    events.y.push_back(all[k].y);
+    events.t.push_back(t);
+    events.p.push_back(all[k].p);
+    events.owner.push_back(all[k].owner);
+  }
+  return events;
 }
 
 }  // namespace
@@ -147,39 +197,7 @@ SimulatedEvents simulate(const Scene& scene, const SensorOptions& sensor, const 
     all.insert(all.end(), part.begin(), part.end());
     part = {};
   }
-  // Readout: each event is stamped after its latency, in whole microseconds, one after the other on the bus.
-  const CounterRandom random(sensor.seed + 1);
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(all.size());
-  for (std::size_t k = 0; k < all.size(); ++k) {
-    double delay = 0;
-    if (options.latency_jitter > 0) {
-      const auto pixel = (static_cast<std::uint64_t>(all[k].y) << 32) + all[k].x;
-      const auto nanosecond = static_cast<std::uint64_t>(std::llround(all[k].t * 1e9));
-      delay = options.latency_jitter * random.exponential(pixel, nanosecond);
-    }
-    const auto t = static_cast<std::int64_t>(std::floor((all[k].t + delay) * 1e6));
-    order[k] = {order_key(all[k], t), static_cast<std::uint32_t>(k)};
-  }
-  std::sort(order.begin(), order.end());
-  SimulatedEvents events;
-  events.x.reserve(count), events.y.reserve(count), events.t.reserve(count), events.p.reserve(count);
-  events.owner.reserve(count);
-  double free_at = 0;  // us, when the bus has carried the event before
-  for (const auto& [key, k] : order) {
-    const SimulatedEvent& event = all[k];
-    auto t = static_cast<std::int64_t>(key >> 24);
-    if (options.readout_interval > 0) {
-      free_at = std::max(free_at, static_cast<double>(t));
-      t = static_cast<std::int64_t>(free_at);
-      free_at += 1e6 * options.readout_interval;
-    }
-    events.x.push_back(event.x);
-    events.y.push_back(event.y);
-    events.t.push_back(t);
-    events.p.push_back(event.p);
-    events.owner.push_back(event.owner);
-  }
-  return events;
+  return read_out(all, options, CounterRandom(sensor.seed + 1));
 }
 
 namespace {

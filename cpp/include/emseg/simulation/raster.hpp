@@ -33,6 +33,8 @@ struct ProjectedSurface {
   std::array<Affine, 8> edges;  // distance in px inside each edge of the polygon
   int edge_count = 0;           // 0 where the tile lies well inside the polygon
   float brightness = 1;         // of a white surface
+  // Whether the finest level of the texture serves all over the tile; known once it is asked for.
+  enum class Detail : std::uint8_t { unknown, finest, varying } detail = Detail::unknown;
   // The pixels that show it, as columns and rows of the tile.
   int x_min = 0, x_max = -1, y_min = 0, y_max = -1;
 
@@ -137,6 +139,7 @@ class TileRenderer {
   void shade(TileImage& image) const;
   void mix(TileImage& image);
   float level_at(const ProjectedSurface& seen, float x, float y) const;
+  ProjectedSurface::Detail detail_of(const ProjectedSurface& seen) const;
   float shade_at(const ProjectedSurface& seen, float x, float y) const;
 
   const Scene& scene_;

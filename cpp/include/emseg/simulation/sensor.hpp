@@ -63,7 +63,10 @@ class TileSensor {
     float noise_rate = 0;  // Hz
   };
 
-  float noise_rate(std::size_t pixel, float intensity) const;
+  float noise_rate(std::size_t pixel, float intensity) const {
+    const float shot = shot_noise_dark_ - shot_noise_fading_ * intensity;
+    return hot_rate_[pixel] + (shot > 0 ? shot : 0.0f);
+  }
   void filter(const TileImage& before, const TileImage& after, float seconds);
   void report(std::size_t pixel, const Interval& interval, float start, float end,
               std::vector<SimulatedEvent>& events);
@@ -76,9 +79,10 @@ class TileSensor {
   SensorOptions options_;
   CounterRandom random_;
   Region tile_;
-  std::vector<float> log_;       // log intensity at the photoreceptor
-  std::vector<float> level_;     // the same behind the low pass
-  std::vector<float> reported_;  // level at the last report, lowered by the leak since
+  float shot_noise_dark_, shot_noise_fading_;  // Hz, at intensity 0, and less at 1
+  std::vector<float> log_;                     // log intensity at the photoreceptor
+  std::vector<float> level_;                   // the same behind the low pass
+  std::vector<float> reported_;                // level at the last report, lowered by the leak since
   std::vector<float> threshold_on_, threshold_off_;
   std::vector<float> leak_;          // 1/s, in log intensity
   std::vector<float> hot_rate_;      // Hz
