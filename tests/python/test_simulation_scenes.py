@@ -201,6 +201,14 @@ def test_a_person_walks() -> None:
     assert np.abs(lowest).max() < 0.12
 
 
+@given(low=st.floats(0.01, 1), high=st.floats(0.01, 1))
+def test_people_wear_any_texture(low: float, high: float) -> None:
+    texture = Texture(low=min(low, high), high=max(low, high))
+    for part in parts_of_person(Person(), texture):
+        worn = part.texture or texture
+        assert 0 < worn.low <= worn.high <= texture.high
+
+
 def test_a_standing_person_stands() -> None:
     assert all(track.is_still for track in walk(Person(cadence=0), 1).values())
 

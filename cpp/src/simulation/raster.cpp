@@ -366,16 +366,27 @@ void TileRenderer::shade(TileImage& image) const {
       }
       // Along a few columns the level is as good as linear.  Which ones they are does not depend on the run:
       // what a surface shows must not change as something else passes by.
-      for (int block = begin - begin % level_block; block < end; block += level_block) {
-        const int last = std::min(block + level_block, tile_.width) - 1;
-        const float start_level = level_at(seen, local_x[block], local_y[block]);
-        const float step = last > block ? (level_at(seen, local_x[last], local_y[last]) - start_level) /
-                                              static_cast<float>(last - block)
-                                        : 0;
-        for (int x = std::max(begin, block); x < std::min(end, last + 1); ++x) {
-          const float level = start_level + static_cast<float>(x - block) * step;
-          intensity[x] = texel(x, [&](float tu, float tv) { return texture.sample(tu, tv, level); });
+      const int coarsest = texture.level_count() - 1;
+      int column = begin - begin % level_block;
+      float level = level_at(seen, local_x[column], local_y[column]);
+      for (int next; column < end; column = next) {
+        next = column + level_block;
+        const int knot = std::min(next, tile_.width - 1);
+        const float next_level = level_at(seen, local_x[knot], local_y[knot]);
+        const float step = knot > column ? (next_level - level) / static_cast<float>(knot - column) : 0;
+        const auto fine = static_cast<int>(level);
+        const bool between_two = static_cast<int>(next_level) == fine && fine + 1 < texture.level_count();
+        const Texture::Level finer = texture.level(std::min(fine, coarsest)),
+                             coarser = texture.level(std::min(fine + 1, coarsest));
+        for (int x = std::max(begin, column); x < std::min(end, next); ++x) {
+          const float here = level + static_cast<float>(x - column) * step;
+          intensity[x] = texel(x, [&](float tu, float tv) {
+            if (!between_two) return texture.sample(tu, tv, here);
+            const float near = finer.sample(tu, tv);
+            return near + (here - static_cast<float>(fine)) * (coarser.sample(tu, tv) - near);
+          });
         }
+        level = next_level;
       }
     }
   }

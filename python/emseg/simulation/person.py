@@ -38,7 +38,7 @@ def parts_of_person(person: Person, texture: Texture) -> list[Part]:
         shape=Ball(radius=0.065 * h, detail=1),
         motion=Motion(position=(0.0, -0.3 * h, 0.0)),
         offset=(0.01 * h, -0.085 * h, 0.0),
-        texture=texture.model_copy(update={"low": 0.3, "grain": texture.grain / 2}),
+        texture=texture.model_copy(update={"low": min(0.3, texture.high), "grain": texture.grain / 2}),
     )
     trousers = texture.model_copy(update={"high": max(texture.low, 0.6 * texture.high)})
     return [trunk, head, *_limbs(person, trousers)]
