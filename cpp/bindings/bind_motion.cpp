@@ -1,7 +1,10 @@
 #include <pybind11/stl.h>
 
+#include <optional>
+
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/simd.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
@@ -37,6 +40,18 @@ void check_polarities(const PointView& points, const Array<std::uint8_t>& p) {
 }  // namespace
 
 void bind_motion(py::module_& m) {
+  m.def(
+      "simd_level", [] { return std::string(name_of(simd_level())); },
+      "Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.");
+  m.def(
+      "simd_levels",
+      [] {
+        std::vector<std::string> names;
+        for (const SimdLevel level : simd_levels()) names.emplace_back(name_of(level));
+        return names;
+      },
+      "Levels that this processor runs, ascending.");
+
   py::class_<WarpFrame>(m, "WarpFrame",
                         "What warps are relative to: image centre, normalising length, intrinsics.")
       .def(py::init([](int width, int height) { return make_warp_frame(checked_size(width, height)); }),
@@ -72,29 +87,34 @@ void bind_motion(py::module_& m) {
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
       "Warped positions, float32 (n, 2).");
 
+  py::class_<IweWorkspace>(m, "IweWorkspace", "Memory of `iwe`, for one call at a time.").def(py::init<>());
+  py::class_<ContrastWorkspace>(m, "ContrastWorkspace", "Memory of `contrast`, for one call at a time.")
+      .def(py::init<>());
+
   m.def(
       "iwe",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
-         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma) {
+         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
+         std::optional<IweWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         Image image(sensor_region(checked_size(width, height)));
         {
           py::gil_scoped_release release;
-          BlurWorkspace blur;
-          make_iwe(image, points, model, frame, gaussian_taps(sigma), blur);
+          IweWorkspace own;
+          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace ? **workspace : own);
         }
         return to_numpy(std::move(image.pixels), {height, width});
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
-      py::arg("width"), py::arg("height"), py::arg("sigma"),
-      "Image of warped events, float32 (height, width).");
+      py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("workspace") = py::none(),
+      "Image of warped events, float32 (height, width). A workspace keeps its memory for the next call.");
 
   m.def(
       "contrast",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
          const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
-         const std::string& measure) {
+         const std::string& measure, std::optional<ContrastWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         const ContrastOptions options{contrast_measure(measure), sigma};
@@ -102,8 +122,9 @@ void bind_motion(py::module_& m) {
         ContrastResult result;
         {
           py::gil_scoped_release release;
-          ContrastWorkspace workspace;
-          result = contrast_and_gradient(points, model, frame, region, options, workspace);
+          ContrastWorkspace own;
+          result =
+              contrast_and_gradient(points, model, frame, region, options, workspace ? **workspace : own);
         }
         const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
         return py::make_tuple(result.value, to_numpy(std::vector<double>(
@@ -112,6 +133,7 @@ void bind_motion(py::module_& m) {
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
       py::arg("width"), py::arg("height"), py::arg("sigma") = 1.0, py::arg("measure") = "variance",
+      py::arg("workspace") = py::none(),
       "Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).");
 
   m.def(
@@ -141,33 +163,4 @@ void bind_motion(py::module_& m) {
       py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"),
       py::arg("max_scale_rate"), py::arg("max_angle_rate"), py::arg("threads"),
       "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.");
-
-  m.def(
-      "sweep_velocities",
-      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
-         int width, int height, const std::vector<std::array<int, 4>>& regions, double max_speed,
-         int threads) {
-        const PointView points = point_view(x, y, dt);
-        std::vector<Region> parts;
-        for (const auto& [x0, y0, w, h] : regions) parts.push_back({x0, y0, w, h});
-        const Region region = sensor_region(checked_size(width, height));
-        check_polarities(points, p);
-        std::vector<std::vector<VelocityScore>> found;
-        {
-          py::gil_scoped_release release;
-          ThreadPool pool(threads);
-          SweepOptions options;
-          options.max_speed = max_speed;
-          found = sweep_velocities(points, view(p), parts, region, options, pool);
-        }
-        std::vector<std::vector<std::array<double, 3>>> result;
-        for (const auto& of_region : found) {
-          result.emplace_back();
-          for (const VelocityScore& v : of_region) result.back().push_back({v.vx, v.vy, v.score});
-        }
-        return result;
-      },
-      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("width"), py::arg("height"),
-      py::arg("regions"), py::arg("max_speed"), py::arg("threads"),
-      "Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.");
 }

@@ -2,20 +2,14 @@
 
 #include <algorithm>
 #include <cassert>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
-#include "expansion_move.hpp"
+#include "expansion_moves.hpp"
 #include "labeling_problem.hpp"
 #include "ordered_problem.hpp"
 
 namespace emseg {
-
-struct ExpansionWorkspace::Moves {
-  ExpansionMove<std::int32_t> narrow;
-  ExpansionMove<std::int64_t> wide;
-};
 
 ExpansionWorkspace::ExpansionWorkspace() : moves_(std::make_unique<Moves>()) {}
 ExpansionWorkspace::~ExpansionWorkspace() = default;
@@ -34,32 +28,6 @@ std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& prob
     row += label_count;
   }
   return labels;
-}
-
-template <typename Cost, typename Capacity>
-void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, ExpansionMove<Capacity>& move,
-              ExpansionResult& result) {
-  move.begin(problem);
-  std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
-  for (const std::int32_t label : result.labels) ++used[static_cast<std::size_t>(label)];
-
-  // Labels in turn that have nothing to gain any more; a label that has just been expanded is one of them.
-  std::int32_t settled = 0;
-  for (int sweep = 0; sweep < max_sweeps && settled < problem.label_count; ++sweep) {
-    for (std::int32_t alpha = 0; alpha < problem.label_count && settled < problem.label_count; ++alpha) {
-      const std::int64_t gain = move.find(problem, result.labels, used, alpha);
-      settled = gain > 0 ? 1 : settled + 1;
-      for (const std::int32_t site : move.switched()) {
-        std::int32_t& label = result.labels[static_cast<std::size_t>(site)];
-        --used[static_cast<std::size_t>(label)];
-        ++used[static_cast<std::size_t>(alpha)];
-        label = alpha;
-      }
-      result.energy -= gain;
-    }
-    assert(result.energy == evaluate(problem, result.labels));
-    result.energy_trace.push_back(result.energy);
-  }
 }
 
 template <typename Cost>
@@ -83,12 +51,13 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
 
   const OrderedProblem<Cost> ordered(problem);
   result.labels = ordered.ordered(result.labels);
-  if (widest <= std::numeric_limits<std::int32_t>::max()) {
-    minimise(ordered.view(), options.max_sweeps, workspace.moves().narrow, result);
-  } else {
-    minimise(ordered.view(), options.max_sweeps, workspace.moves().wide, result);
+  for (const std::int64_t gain :
+       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels)) {
+    result.energy -= gain;
+    result.energy_trace.push_back(result.energy);
   }
   result.labels = ordered.original(result.labels);
+  assert(result.energy == evaluate(problem, result.labels));
   return result;
 }
 

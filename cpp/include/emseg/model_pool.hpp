@@ -5,6 +5,7 @@
 
 #include "emseg/data_term.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/region_velocities.hpp"
 
 namespace emseg {
 
@@ -12,7 +13,7 @@ struct PoolOptions {
   int bracket_row = 6;                                    // h = 1..bracket_row sub-volumes down the image
   int bracket_col = 6;                                    // and as many across
   std::vector<MotionKind> kinds{MotionKind::similarity};  // kinds that a label may have
-  SweepOptions sweep;
+  RegionVelocityOptions search;
   RefineOptions refine;
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
@@ -22,7 +23,9 @@ struct PoolOptions {
   int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
   double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
-  int max_rounds = 4;                   // of refitting and choosing again
+  std::size_t max_events = 16000;       // used of a window
+  std::size_t max_refit_events = 2000;  // used of a model's
+  int max_rounds = 2;                   // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
 };
 
@@ -31,9 +34,9 @@ struct PoolOptions {
 std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 
 // The motions that together explain the window's events for the least cost: data cost plus lambda_label a
-// model. The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over
-// blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the events of their
-// blocks and chosen again. Never empty.  Deterministic for any number of threads.
+// model. The candidates of all sub-volumes come from one pass over pairs of events; a greedy facility
+// location over blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the
+// events of their blocks and chosen again. Never empty.  Deterministic for any number of threads.
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool);

@@ -1,0 +1,55 @@
+#include "emseg/count_image.hpp"
+
+#include <algorithm>
+#include <cassert>
+
+#include "kernels/kernel_table.hpp"
+
+namespace emseg {
+namespace {
+
+constexpr int radius = 2;            // of the binomial
+constexpr std::uint16_t most = 255;  // votes of a cell that count: 255 (1+4+6+4+1)^2 fits 16 bits
+static_assert(counts_per_event == 16, "what smooth_counts_across divides by");
+
+}  // namespace
+
+void count_sharpness(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
+                     CountWorkspace& workspace, std::span<std::uint16_t> sharpness) {
+  const std::size_t n = points.size();
+  assert(sharpness.size() == n);
+  workspace.x.resize(n);
+  workspace.y.resize(n);
+  workspace.cell.resize(n);
+  warp_points(points, model, frame, workspace.x, workspace.y);
+  const Region region = bounding_region(workspace.x, workspace.y, 1, canvas);
+  const int stride = region.width + 2 * radius;
+  const int rows = region.height + 2 * radius;
+  workspace.votes.assign(static_cast<std::size_t>(stride) * static_cast<std::size_t>(rows), 0);
+
+  // Cell 0 lies in the padding: votes of places off the canvas are taken back at once.
+  const CellGrid grid{static_cast<float>(region.x0), static_cast<float>(region.y0),
+                      static_cast<float>(region.width), static_cast<float>(region.height), stride};
+  const KernelTable& kernel = kernels();
+  kernel.nearest_cells(grid, workspace.x.data(), workspace.y.data(), n, radius, workspace.cell.data());
+  for (const std::int32_t cell : workspace.cell) {
+    std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(cell)];
+    votes = static_cast<std::uint16_t>(votes + (votes < most));
+  }
+  workspace.votes[0] = 0;
+
+  workspace.smooth.resize(workspace.votes.size());
+  workspace.smooth[0] = 0;
+  workspace.column.assign(static_cast<std::size_t>(stride), 0);
+  const auto inner = static_cast<std::size_t>(region.width);
+  for (int row = radius; row < radius + region.height; ++row) {
+    const auto first = static_cast<std::size_t>(row * stride + radius);
+    kernel.smooth_counts_down(workspace.votes.data() + first, stride, inner,
+                              workspace.column.data() + radius);
+    kernel.smooth_counts_across(workspace.column.data() + radius, inner, workspace.smooth.data() + first);
+  }
+  for (std::size_t k = 0; k < n; ++k)
+    sharpness[k] = workspace.smooth[static_cast<std::size_t>(workspace.cell[k])];
+}
+
+}  // namespace emseg
