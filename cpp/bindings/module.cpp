@@ -9,6 +9,7 @@ void bind_event_graph(py::module_& m);
 void bind_expansion(py::module_& m);
 void bind_motion(py::module_& m);
 void bind_segmenter(py::module_& m);
+void bind_simulation(py::module_& m);
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The native core of emseg; the public surface is the emseg package.";
@@ -19,4 +20,5 @@ PYBIND11_MODULE(_core, m) {
   bind_expansion(m);
   bind_motion(m);
   bind_segmenter(m);
+  bind_simulation(m);
 }
