@@ -11,6 +11,7 @@ import numpy
 import numpy.typing
 
 __all__: list[str] = [
+    "BackgroundActivityFilter",
     "Camera",
     "DistortionModel",
     "EvtDecoder",
@@ -105,6 +106,27 @@ class Camera:
     ) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
         """
         Undistorted x and y of every pixel, two float32 arrays (height, width).
+        """
+
+class BackgroundActivityFilter:
+    """
+    Keeps events with a neighbour not long before them.
+    """
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+        duration_us: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def keep(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+    ) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        1 for each event of the next chunk that is to stay, else 0, uint8 (n,).
         """
 
 class EvtEncoding:

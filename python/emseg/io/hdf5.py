@@ -20,7 +20,7 @@ from emseg.events import find_column
 from emseg.io.errors import ReadError
 from emseg.io.extras import require
 from emseg.io.recording import BLOCK_EVENTS, Block, Frame, ImuSamples, ReadOptions, Source
-from emseg.io.tables import block_of_columns, block_of_table, guess_order, is_table
+from emseg.io.tables import block_of_columns, block_of_table, guess_order, guess_unit, is_table
 
 __all__ = ["HDF5", "Hdf5Reader", "Hdf5Source"]
 
@@ -74,7 +74,7 @@ class Hdf5Source(Source):
         self._file.close()
 
     def blocks(self) -> Iterator[Block]:
-        layout, unit = self._layout, self._options.time_unit
+        layout, unit = self._layout, self._unit
         place = f"dataset '{layout.name}'"
         for start in range(0, layout.count, BLOCK_EVENTS):
             stop = min(start + BLOCK_EVENTS, layout.count)
@@ -124,6 +124,10 @@ class Hdf5Source(Source):
             sample = self._rows(self._layout.members["table"], 0, min(self._layout.count, _SAMPLE_ROWS))
             if sample.dtype.names is None:
                 self._order = self._options.columns or guess_order(sample)
+        self._unit = self._options.time_unit
+        if self._unit is None and "t" in self._layout.members:
+            sample = self._rows(self._layout.members["t"], 0, min(self._layout.count, _SAMPLE_ROWS))
+            self._unit = guess_unit(sample)
         offset = self._file.get("t_offset")  # DSEC
         has_offset = isinstance(offset, self._h5.Dataset) and offset.shape in ((), (1,))
         self._offset = int(np.ravel(offset[()])[0]) if has_offset else 0
@@ -204,8 +208,9 @@ class Hdf5Source(Source):
             place = f"dataset '{name}'"
             if number == _ECF:
                 problem = (
-                    "is compressed with Prophesee's codec ECF, which no Python package decodes: convert"
-                    " it with Metavision's `metavision_file_to_dat -i FILE`, or let HDF5_PLUGIN_PATH name its plugin"
+                    "is compressed with Prophesee's codec ECF, which no Python package decodes: convert it "
+                    "with Metavision's `metavision_file_to_dat -i FILE`, "
+                    "or let HDF5_PLUGIN_PATH name the folder of its plugin"
                 )
                 raise ReadError(self._path, problem, place=place)
             known = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)

@@ -16,7 +16,7 @@ from emseg.events import find_column
 from emseg.io.errors import ReadError
 from emseg.io.hdf5 import Hdf5Source
 from emseg.io.recording import BLOCK_EVENTS, Block, Frame, ImuSamples, ReadOptions, Source
-from emseg.io.tables import block_of_columns, guess_order, is_table
+from emseg.io.tables import block_of_columns, guess_order, guess_unit, is_table
 
 __all__ = ["MATLAB", "MatlabReader"]
 
@@ -94,15 +94,12 @@ class _MatlabSource(Source):
         return ImuSamples(t.astype(np.int64), np.deg2rad(table[:, 3:]), table[:, :3] * _G)
 
     def _ordered(self, events: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-        """Columns x, y, t, p; MATLAB's numbers are floats by default, whose size tells the unit of time."""
+        """Columns x, y, t, p."""
         if "table" in events:
             table = events["table"]
             order = self._options.columns or guess_order(table[:_SAMPLE_ROWS])
             events = {column: table[:, k] for k, column in enumerate(order)}
-        t = events["t"]
-        self._unit = self._options.time_unit
-        if self._unit is None and t.dtype.kind == "f" and bool((t == np.floor(t)).all()):
-            self._unit = "us"
+        self._unit = self._options.time_unit or guess_unit(events["t"])
         return events
 
     def _aedat(self, name: str) -> dict[str, Any]:

@@ -148,6 +148,7 @@ class _RawSource(Source):
             )
             raise ReadError(path, f"{problem}; Prophesee's metavision_file_to_dat converts others")
         self._encoding = encodings[named]
+        self.format = f"Prophesee RAW ({named})"
         if self._encoding == _core.EvtEncoding.evt21:
             order = header.options.get("endianness") or header.values.get("endianness", "")
             if order.lower() == "legacy" or (not order and self._halves_are_swapped()):

@@ -136,8 +136,10 @@ class Source:
     Attributes:
         size: Width and height of the sensor, px, where the file says them.
         streams: Names of the file's event streams, where it may have several; the first is read.
+        format: What its format is called, where that says more than the reader's name.
     """
 
+    format: str | None = None
     size: tuple[int, int] | None = None
     streams: tuple[str, ...] = ()
 
@@ -181,7 +183,8 @@ class Recording:
     ) -> None:
         if damage not in get_args(Damage):
             raise ValueError(f"damage is {damage!r}, expected 'refuse' or 'keep'")
-        self.path, self.format, self.damage = path, format_name, damage
+        self.path, self.damage = path, damage
+        self.format = source.format or format_name
         self._source = source
         self._size = size or source.size
 

@@ -13,7 +13,7 @@ from emseg.events import find_column
 from emseg.io.errors import ReadError
 from emseg.io.recording import Block, at
 
-__all__ = ["block_of_columns", "block_of_table", "guess_order", "is_table", "to_microseconds"]
+__all__ = ["block_of_columns", "block_of_table", "guess_order", "guess_unit", "is_table", "to_microseconds"]
 
 TimeUnit = Literal["s", "us"] | None
 
@@ -57,6 +57,11 @@ def is_table(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bool:
         numeric = all(dtype[name].kind in "biuf" and not dtype[name].shape for name in fields)
         return len(shape) == 1 and numeric and all(find_column(fields, column) for column in "xytp")
     return len(shape) == 2 and shape[1] == 4 and dtype.kind in "iuf"
+
+
+def guess_unit(t: npt.NDArray[Any]) -> Literal["s", "us"]:
+    """The unit of times: seconds where some are fractions, else µs; MATLAB's numbers are floats anyway."""
+    return "s" if t.dtype.kind == "f" and bool((t != np.floor(t)).any()) else "us"
 
 
 def guess_order(sample: npt.NDArray[Any]) -> str:

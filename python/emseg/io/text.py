@@ -71,15 +71,16 @@ class _TextSource(Source):
         self.size = layout.size
 
     def blocks(self) -> Iterator[Block]:
-        unit = self._unit
+        unit, is_guess = self._unit, False
         for first_line, lines in self._pieces():
             piece = _Piece(self._path, self._layout, first_line, lines)
             columns = piece.parse()
             if columns is None:
                 continue
+            is_fraction = columns["t"].dtype.kind == "f"
             if unit is None:
-                unit = "s" if columns["t"].dtype.kind == "f" else "us"
-            elif unit == "us" and columns["t"].dtype.kind == "f":
+                unit, is_guess = ("s" if is_fraction else "us"), True
+            elif is_guess and unit == "us" and is_fraction:
                 raise piece.fraction(columns["t"])
             t = to_microseconds(columns["t"], self._path, "column t", unit=unit)
             yield Block(columns["x"], columns["y"], t, columns["p"], piece.place)
