@@ -129,7 +129,7 @@ def aedat3(events: EventArray) -> bytes:
         body += struct.pack("<Ii7f", 1, t, 1, 0, -1, 180, 0, -180, 20)
         image = np.arange(6, dtype="<u2") << 8
         body += struct.pack("<hhiiiiii", 2, 1, 48, 12, 0, 1, 1, 1)
-        body += struct.pack("<Iiiiiiiii", 1 | 1 << 1, t, t + 9, t, t + 5, 3, 2, 0, 0) + image.tobytes()
+        body += struct.pack("<Iiiiiiiii", 1 | 1 << 1, t, t + 9, t + 4, t + 5, 3, 2, 0, 0) + image.tobytes()
     return b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n" + body
 
 

@@ -103,7 +103,7 @@ def test_frames_and_imu_lie_alongside(tmp_path: Path, name: str, samples: int, f
         np.testing.assert_allclose(imu.acceleration[0], [1, 2, 3])
     if name == "aedat3" or name.startswith(("ros", "db3", "mcap")):
         assert pictures[0].image.tolist() == [[0, 1, 2], [3, 4, 5]]
-        assert pictures[0].t == int(EVENTS.t[0]) + (9 if name == "aedat3" else 0)
+        assert pictures[0].t == int(EVENTS.t[0]) + (4 if name == "aedat3" else 0)
 
 
 def test_one_stream_of_several_is_chosen_by_name(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ class _Aedat3Source(Source):
                 event = packet.data[k * packet.event_bytes : (k + 1) * packet.event_bytes]
                 if len(event) < _FRAME_BYTES:
                     raise self._wrong_size(packet, _FRAME_BYTES)
-                info, _, stop, _, _, columns, rows, _, _ = struct.unpack_from("<Iiiiiiiii", event)
+                info, _, _, start, _, columns, rows, _, _ = struct.unpack_from("<Iiiiiiiii", event)
                 channels = info >> 1 & 7
                 pixels = columns * rows * channels
                 if (
@@ -113,7 +113,7 @@ class _Aedat3Source(Source):
                 if info & 1:
                     image = np.frombuffer(event, "<u2", pixels, _FRAME_BYTES).reshape(rows, columns, channels)
                     picture = (image >> 8).astype(np.uint8)
-                    yield Frame(stop + (packet.wraps << 31), picture[..., 0] if channels == 1 else picture)
+                    yield Frame(start + (packet.wraps << 31), picture[..., 0] if channels == 1 else picture)
 
     def imu(self) -> ImuSamples:
         parts = []

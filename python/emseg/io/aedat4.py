@@ -111,7 +111,9 @@ class _Aedat4Source(Source):
     def frames(self) -> Iterator[Frame]:
         numbers = {stream.number for stream in self._streams if stream.kind == "FRME"}
         for position, table in self._packets(set(sorted(numbers)[:1])):
-            t, form = table.scalar(0, "<q", 0), table.scalar(5, "<b", 0)
+            # The beginning of the exposure: newer files have it in the first field.
+            t = table.scalar(3, "<q", 0) or table.scalar(0, "<q", 0)
+            form = table.scalar(5, "<b", 0)
             columns, rows = table.scalar(6, "<h", 0), table.scalar(7, "<h", 0)
             pixels = table.structs(10, 1)
             channels = _CHANNELS.get(form, 0)

@@ -77,7 +77,7 @@ class _MatlabSource(Source):
 
     def frames(self) -> Iterator[Frame]:
         frames = self._aedat("frame")
-        samples, times = frames.get("samples"), frames.get("timeStampEnd", frames.get("timeStampStart"))
+        samples, times = frames.get("samples"), frames.get("timeStampStart", frames.get("timeStampEnd"))
         if samples is None or times is None:
             return
         pictures = samples if samples.dtype == object else [samples]

@@ -88,7 +88,7 @@ class Frame:
     """A picture taken beside the events.
 
     Attributes:
-        t: Time, µs: the middle of its exposure, or what its format has for one.
+        t: Time, µs: the beginning of its exposure, or what its format has for one.
         image: (h, w), or (h, w, channels) in the order of the file.
     """
 
@@ -407,7 +407,8 @@ def _largest(column: npt.NDArray[Any]) -> float:
 
 def _outside(column: npt.NDArray[Any], side: int) -> npt.NDArray[np.bool_]:
     if column.dtype.kind == "f":
-        column = np.where(column == np.floor(column), column, -1)  # NaN and fractions lie nowhere
+        with np.errstate(invalid="ignore"):  # NaN and fractions lie nowhere
+            column = np.where(column == np.floor(column), column, -1)
     outside: npt.NDArray[np.bool_] = (column < 0) | (column >= side)
     return outside
 

@@ -73,6 +73,8 @@ def guess_order(sample: npt.NDArray[Any]) -> str:
     if len(sample) < 2:
         return "xytp"
     values = sample.astype(np.float64)
+    if not np.isfinite(values).all():
+        return "xytp"
     signs = [k for k in range(4) if np.isin(values[:, k], (-1, 0, 1)).all()]
     rising = [k for k in range(4) if k not in signs[-1:] and (np.diff(values[:, k]) >= 0).all()]
     if not signs or not rising:
