@@ -99,8 +99,8 @@ def count_events(chunks: Iterable[EventArray]) -> npt.NDArray[np.int64]:
 def hot_pixels(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Which pixels fire on their own: far more often than those around them.
 
-    A pixel is hot with at least 20 events, and more than ten times as many as the median of its eight
-    neighbours and one.  Edges that pass over the sensor make neighbours fire alike, however often.
+    A pixel is hot with at least 20 events, and more than ten times as many as the third busiest of its eight
+    neighbours and one.  Edges that pass over the sensor make several neighbours fire alike, however often.
 
     Args:
         counts: Events of each pixel, (h, w).
@@ -108,18 +108,18 @@ def hot_pixels(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     Returns:
         (h, w), True where a pixel is hot.
     """
+    height, width = counts.shape
     if not counts.size:
         return np.zeros(counts.shape, np.bool_)
-    height, width = counts.shape
-    padded = np.pad(counts.astype(np.float64), 1, constant_values=np.nan)
+    padded = np.pad(counts, 1)
     around = [
         padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
         for dy in (-1, 0, 1)
         for dx in (-1, 0, 1)
         if (dx, dy) != (0, 0)
     ]
-    median = np.nanmedian(np.stack(around), axis=0) if counts.size > 1 else np.zeros(counts.shape)
-    hot: npt.NDArray[np.bool_] = (counts >= HOT_EVENTS) & (counts > HOT_RATIO * (median + 1))
+    third_busiest = np.sort(np.stack(around), axis=0)[-3]
+    hot: npt.NDArray[np.bool_] = (counts >= HOT_EVENTS) & (counts > HOT_RATIO * (third_busiest + 1))
     return hot
 
 

@@ -206,7 +206,8 @@ def main() -> None:
     print("\n".join(failures))
     seconds = time.perf_counter() - began
     print(
-        f"{arguments.cases} cases on {len(files)} files, {seconds:.0f} s: {dict(results)}, {len(failures)} failed"
+        f"{arguments.cases} cases on {len(files)} files, {seconds:.0f} s:",
+        f"{results['read']} read, {results['refused']} refused, {len(failures)} failed",
     )
     sys.exit(bool(failures))
 

@@ -77,7 +77,7 @@ class _Aedat3Source(Source):
         self._start = end + len(_HEADER_END)
         header = head[:end].decode("ascii", "replace")
         if not header.startswith("#!AER-DAT3.1"):
-            problem = f"is of version {header[10:13]!r}, expected 3.1"
+            problem = f"is of version {header[9:12]!r}, expected 3.1"
             raise ReadError(path, problem, place="line 1")
         if (form := re.search(r"^#Format: *(\S+)", header, re.MULTILINE)) and form[1] != "RAW":
             raise ReadError(path, f"is encoded as {form[1]}, expected RAW: cAER converts it", place="header")

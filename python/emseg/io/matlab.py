@@ -1,7 +1,4 @@
-"""MATLAB files of events: variables x, y, ts, pol; a struct or table of them; or what AedatTools exports.
-
-Files up to version 7 are read by SciPy, a variable at a time; those of version 7.3 are HDF5.
-"""
+"""MATLAB files of events: variables x, y, ts, pol; a struct or table of them; or what AedatTools exports."""
 
 from __future__ import annotations
 
@@ -15,6 +12,7 @@ import numpy.typing as npt
 from emseg.events import find_column
 from emseg.io.errors import ReadError
 from emseg.io.hdf5 import Hdf5Source
+from emseg.io.mat5 import read_mat5
 from emseg.io.recording import BLOCK_EVENTS, Block, Frame, ImuSamples, ReadOptions, Source
 from emseg.io.tables import block_of_columns, guess_order, guess_unit, is_table
 
@@ -44,17 +42,14 @@ class MatlabReader:
 
 
 class _MatlabSource(Source):
+    """A file up to version 7, whose variables can only be unpacked whole."""
+
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path, self._options = path, options
-        import scipy.io
-
         try:
-            variables = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=True, chars_as_strings=True)
-        except Exception as error:  # whatever damage makes of the parser
-            lines = str(error).strip().splitlines() or [""]
-            problem = f"truncated or damaged: {type(error).__name__}: {lines[0][:200]}"
-            raise ReadError(path, problem) from None
-        self._root = {name: value for name, value in variables.items() if not name.startswith("__")}
+            self._root = read_mat5(path)
+        except ValueError as error:
+            raise ReadError(path, f"truncated or damaged: {error}") from None
         found = list(_event_tables("", self._root, _DEEPEST))
         self.streams = tuple(name for name, _ in found)
         chosen = [columns for name, columns in found if options.stream in (None, name)]
@@ -67,87 +62,74 @@ class _MatlabSource(Source):
         if len(set(lengths.values())) > 1:
             listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise ReadError(path, f"event columns have different lengths: {listed}")
-        sides = [_whole_side(self._root.get(name)) for name in ("width", "height")]
-        self.size = (sides[0], sides[1]) if all(sides) else None
+        self._unit = options.time_unit or guess_unit(self._columns["t"])
+        width, height = (_whole_side(self._root.get(name)) for name in ("width", "height"))
+        self.size = (width, height) if width and height else None
 
     def blocks(self) -> Iterator[Block]:
         for start in range(0, len(self._columns["t"]), BLOCK_EVENTS):
             part = {name: column[start : start + BLOCK_EVENTS] for name, column in self._columns.items()}
-            yield block_of_columns(part, self._path, "times", start, self._unit)
+            yield block_of_columns(part, self._path, "variables", start, self._unit)
 
     def frames(self) -> Iterator[Frame]:
         frames = self._aedat("frame")
-        samples, times = frames.get("samples"), frames.get("timeStampStart", frames.get("timeStampEnd"))
-        if samples is None or times is None:
+        times = frames.get("timeStampStart", frames.get("timeStampEnd"))
+        samples = frames.get("samples")
+        if not isinstance(times, np.ndarray) or samples is None:
             return
-        pictures = samples if samples.dtype == object else [samples]
+        pictures = samples if isinstance(samples, list) else [samples]
         for picture, t in zip(pictures, np.ravel(times), strict=False):
             if isinstance(picture, np.ndarray) and picture.ndim in (2, 3):
                 yield Frame(int(t), picture)
 
     def imu(self) -> ImuSamples:
         found = self._aedat("imu6")
-        if not all(name in found for name in _IMU_FIELDS):
+        columns = [found.get(name) for name in _IMU_FIELDS]
+        if not all(isinstance(column, np.ndarray) for column in columns):
             return ImuSamples()
-        t, *values = (np.atleast_1d(found[name]) for name in _IMU_FIELDS)
-        table = np.stack([np.asarray(value, np.float64) for value in values], axis=1)
+        t, *values = (np.atleast_1d(np.asarray(column, np.float64)) for column in columns)
+        table = np.stack(values, axis=1)
         return ImuSamples(t.astype(np.int64), np.deg2rad(table[:, 3:]), table[:, :3] * _G)
 
     def _ordered(self, events: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
         """Columns x, y, t, p."""
-        if "table" in events:
-            table = events["table"]
-            order = self._options.columns or guess_order(table[:_SAMPLE_ROWS])
-            events = {column: table[:, k] for k, column in enumerate(order)}
-        self._unit = self._options.time_unit or guess_unit(events["t"])
-        return events
+        if "table" not in events:
+            return events
+        table = events["table"]
+        order = self._options.columns or guess_order(table[:_SAMPLE_ROWS])
+        return {column: table[:, k] for k, column in enumerate(order)}
 
     def _aedat(self, name: str) -> dict[str, Any]:
         """The fields of `aedat.data.<name>`; empty where there is none."""
         item: Any = self._root
         for key in ("aedat", "data", name):
-            item = _fields(item).get(key)
-        return _fields(item)
+            item = item.get(key) if isinstance(item, dict) else None
+        return item if isinstance(item, dict) else {}
 
 
-def _fields(item: Any) -> dict[str, Any]:
-    """The members of a mapping or of a MATLAB struct."""
-    if isinstance(item, dict):
-        return item
-    if isinstance(item, np.ndarray) and item.dtype.names is not None and item.size == 1:
-        record = item.reshape(-1)[0]
-        return {name: record[name] for name in item.dtype.names}
-    if isinstance(item, np.void) and item.dtype.names is not None:
-        return {name: item[name] for name in item.dtype.names}
-    return {}
-
-
-def _event_tables(name: str, item: Any, depth: int) -> Iterator[tuple[str, dict[str, npt.NDArray[Any]]]]:
-    """Whatever can be events in a variable and what it holds, by name."""
-    fields = _fields(item)
-    numeric = {
-        key: np.atleast_1d(value)
-        for key, value in fields.items()
-        if isinstance(value, np.ndarray | np.number) and np.asarray(value).dtype.kind in "biuf"
-    }
+def _event_tables(
+    name: str, fields: dict[str, Any], depth: int
+) -> Iterator[tuple[str, dict[str, npt.NDArray[Any]]]]:
+    """Whatever can be events in variables or a struct, and in the structs among them, by name."""
+    numeric = {key: value for key, value in fields.items() if isinstance(value, np.ndarray)}
     names = {column: find_column(numeric, column) for column in "xytp"}
     if all(names.values()):
-        columns = {column: numeric[str(key)] for column, key in names.items()}
+        columns = {column: np.atleast_1d(numeric[str(key)]) for column, key in names.items()}
         if all(column.ndim == 1 for column in columns.values()):
             yield name or "variables", columns
             return
     for key, value in fields.items():
         path = f"{name}.{key}" if name else key
-        if isinstance(value, np.ndarray) and is_table(value.shape, value.dtype) and value.dtype.names is None:
+        if isinstance(value, dict) and depth > 0:
+            yield from _event_tables(path, value, depth - 1)
+        elif isinstance(value, np.ndarray) and is_table(value.shape, value.dtype):
             if "event" in path.lower() or len(fields) == 1:
                 yield path, {"table": value}
-        elif depth > 0:
-            yield from _event_tables(path, value, depth - 1)
 
 
 def _whole_side(value: Any) -> int:
-    side = np.ravel(np.asarray(value if value is not None else 0))
-    return int(side[0]) if side.size == 1 and side.dtype.kind in "iuf" and 1 <= side[0] <= 65536 else 0
+    is_number = isinstance(value, np.ndarray) and value.size == 1
+    return int(value.item()) if is_number and 1 <= value.item() <= 65536 else 0
 
 
 MATLAB = MatlabReader()

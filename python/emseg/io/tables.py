@@ -40,7 +40,8 @@ def to_microseconds(
             k = int(np.argmax(t >= 2**63))
             raise ReadError(path, f"event {first + k} has time {t[k]} us, expected 64 bits", place=place)
         return t.astype(np.int64, copy=False)
-    microseconds = t.astype(np.float64) * (1e6 if unit == "s" else 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        microseconds = t.astype(np.float64) * (1e6 if unit == "s" else 1.0)
     wrong = ~(np.abs(microseconds) < 2.0**63)
     if wrong.any():
         k = int(np.argmax(wrong))
@@ -61,7 +62,8 @@ def is_table(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bool:
 
 def guess_unit(t: npt.NDArray[Any]) -> Literal["s", "us"]:
     """The unit of times: seconds where some are fractions, else µs; MATLAB's numbers are floats anyway."""
-    return "s" if t.dtype.kind == "f" and bool((t != np.floor(t)).any()) else "us"
+    with np.errstate(invalid="ignore"):
+        return "s" if t.dtype.kind == "f" and bool((t != np.floor(t)).any()) else "us"
 
 
 def guess_order(sample: npt.NDArray[Any]) -> str:
