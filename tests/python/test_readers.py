@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import logging
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench import walk
 from made_recordings import HEIGHT, MADE, WIDTH, made_events
 
 import emseg.io
@@ -172,3 +174,18 @@ def test_prophesee_headers() -> None:
     assert header is not None
     assert (header.size, header.length) == ((3, 4), 45)
     assert prophesee._parse_header(b"% a comment\n1 2 3 1\n") is None
+
+
+@pytest.mark.parametrize("form", ["evt2", "npz", "hdf5"])
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path, form: str) -> None:
+    if form == "hdf5":
+        pytest.importorskip("h5py")
+    peaks = []
+    for count in (600_000, 3_000_000):
+        path = tmp_path / f"long{walk.SUFFIXES[form]}"
+        walk.write(path, form, count)
+        command = [sys.executable, "-c", walk.WALK, str(path)]
+        output = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        assert int(output[0]) == count
+        peaks.append(float(output[2]))
+    assert peaks[1] - peaks[0] < 12, f"MB: {peaks}"  # the events themselves would take 31 MB more

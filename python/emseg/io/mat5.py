@@ -42,8 +42,8 @@ _COMPLEX: Final = 0x08
 def read_mat5(path: Path) -> dict[str, Any]:
     """The variables of a file by name.
 
-    Numeric arrays come with their axes of length 1 left out; structs of one element as dicts; cells and larger
-    structs as lists; None stands for anything else.
+    Numeric arrays come with their axes of length 1 left out; structs of one element as dicts; cells and
+    larger structs as lists; None stands for anything else.
 
     Raises:
         ValueError: where the file is cut short or damaged, with the byte.
@@ -133,7 +133,7 @@ def _numbers(part: tuple[int, memoryview], order: str) -> npt.NDArray[Any]:
     kind, content = part
     if kind not in _TYPES:
         raise ValueError(f"numbers of type {kind}, expected one of {sorted(_TYPES)}")
-    form = np.dtype(_TYPES[kind]).newbyteorder(order)
+    form = np.dtype(order + _TYPES[kind])
     if len(content) % form.itemsize:
         raise ValueError(f"{len(content)} bytes of numbers of {form.itemsize} bytes")
     return np.frombuffer(content, form).astype(form.newbyteorder("="), copy=False)

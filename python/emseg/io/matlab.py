@@ -122,9 +122,10 @@ def _event_tables(
         path = f"{name}.{key}" if name else key
         if isinstance(value, dict) and depth > 0:
             yield from _event_tables(path, value, depth - 1)
-        elif isinstance(value, np.ndarray) and is_table(value.shape, value.dtype):
-            if "event" in path.lower() or len(fields) == 1:
-                yield path, {"table": value}
+            continue
+        is_named_so = "event" in path.lower() or len(fields) == 1
+        if is_named_so and isinstance(value, np.ndarray) and is_table(value.shape, value.dtype):
+            yield path, {"table": value}
 
 
 def _whole_side(value: Any) -> int:
