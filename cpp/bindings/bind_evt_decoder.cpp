@@ -1,5 +1,6 @@
 #include <tuple>
 
+#include "emseg/event_stream_decoder.hpp"
 #include "emseg/evt_decoder.hpp"
 #include "numpy_views.hpp"
 
@@ -54,4 +55,23 @@ void bind_evt_decoder(py::module_& m) {
         return columns_of(std::move(events));
       },
       py::arg("bytes"), "Columns x, y, t (us since the packet's time base), p of a packet `libcaer_cmp`.");
+  py::enum_<EventStreamKind>(m, "EventStreamKind", "What an Event Stream file holds.")
+      .value("dvs", EventStreamKind::dvs)
+      .value("atis", EventStreamKind::atis);
+  py::class_<EventStreamDecoder>(m, "EventStreamDecoder", "Decodes an Event Stream piece by piece.")
+      .def(py::init<EventStreamKind>(), py::arg("kind"))
+      .def(
+          "decode",
+          [](EventStreamDecoder& decoder, const Array<std::uint8_t>& bytes) {
+            const std::span<const std::uint8_t> piece = view(bytes);
+            EventColumns events;
+            {
+              py::gil_scoped_release release;
+              events = decoder.decode(piece);
+            }
+            return columns_of(std::move(events));
+          },
+          py::arg("bytes"), "Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).")
+      .def_property_readonly("pending", &EventStreamDecoder::pending,
+                             "Bytes of an event whose rest is still to come.");
 }

@@ -14,6 +14,8 @@ __all__: list[str] = [
     "BackgroundActivityFilter",
     "Camera",
     "DistortionModel",
+    "EventStreamDecoder",
+    "EventStreamKind",
     "EvtDecoder",
     "EvtEncoding",
     "Segmentation",
@@ -195,6 +197,63 @@ class EvtDecoder:
     def pending(self) -> int:
         """
         Bytes of a word whose rest is still to come.
+        """
+
+class EventStreamKind:
+    """
+    What an Event Stream file holds.
+
+    Members:
+
+      dvs
+
+      atis
+    """
+
+    __members__: typing.ClassVar[dict[str, EventStreamKind]]
+    atis: typing.ClassVar[EventStreamKind]
+    dvs: typing.ClassVar[EventStreamKind]
+    @typing.overload
+    def __eq__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class EventStreamDecoder:
+    """
+    Decodes an Event Stream piece by piece.
+    """
+    def __init__(self, kind: EventStreamKind) -> None: ...
+    def decode(
+        self, bytes: numpy.typing.NDArray[numpy.uint8]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.uint8],
+    ]:
+        """
+        Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).
+        """
+    @property
+    def pending(self) -> int:
+        """
+        Bytes of an event whose rest is still to come.
         """
 
 class WarpFrame:

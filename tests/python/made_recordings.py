@@ -327,14 +327,14 @@ def _store(*, is_ros1: bool) -> Any:
 # Everything else
 
 
-def write_es(path: Path, events: EventArray) -> None:
-    import event_stream
-
-    records = np.zeros(len(events), event_stream.dvs_dtype)
-    for name, column in (("t", "t"), ("x", "x"), ("y", "y"), ("on", "p")):
-        records[name] = getattr(events, column)
-    with event_stream.Encoder(str(path), "dvs", WIDTH, HEIGHT) as encoder:
-        encoder.write(records)
+def es(events: EventArray) -> bytes:
+    data = b"Event Stream" + struct.pack("<4B2H", 2, 0, 0, 1, WIDTH, HEIGHT)
+    last = 0
+    for x, y, t, p in zip(*columns(events).values(), strict=True):
+        overflows, rest = divmod(int(t) - last, 127)
+        data += b"\xff" * overflows + struct.pack("<B2H", rest << 1 | int(p), x, y)
+        last = int(t)
+    return data
 
 
 def write_hdf5(path: Path, events: EventArray, layout: str) -> None:
@@ -459,7 +459,7 @@ MADE: dict[str, tuple[str, Writer, tuple[str, ...]]] = {
         f"mat {layout}": (".mat", partial(write_matlab, layout=layout), ())
         for layout in ("variables", "table", "aedat")
     },
-    "es": (".es", write_es, ("event_stream",)),
+    "es": (".es", _bytes(es), ()),
     "npz": (".npz", _npz, ()),
     "npy": (".npy", lambda p, e: np.save(p, e.to_structured()), ()),
     "text": (".txt", lambda p, e: write_text(p, e, f"{WIDTH} {HEIGHT}"), ()),

@@ -1,23 +1,22 @@
-"""Event Stream (.es) recordings, read by the package event_stream."""
+"""Event Stream (.es) recordings, version 2."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from emseg import _core
 from emseg.io.errors import ReadError
-from emseg.io.extras import require
-from emseg.io.recording import Block, ReadOptions, Source
+from emseg.io.recording import BLOCK_EVENTS, Block, ReadOptions, Source, at
 
 __all__ = ["EVENT_STREAM", "EventStreamReader"]
 
 _MAGIC: Final = b"Event Stream"
-_HEADER_BYTES: Final = 20  # version, type, width, height after the magic
-_TYPES: Final = ("generic", "dvs", "atis", "asynchronous ATIS", "color")
-_DVS, _ATIS = 1, 2
+_HEADER_BYTES: Final = 20  # name, version, type, width, height
+_TYPES: Final = ("generic", "dvs", "atis", "asynchronous atis", "color")
 
 
 class EventStreamReader:
@@ -42,24 +41,29 @@ class _EventStreamSource(Source):
             raise ReadError(path, "truncated inside its header", place=f"byte {len(head)}")
         if head[12] != 2:
             raise ReadError(path, f"is of version {head[12]}, expected 2", place="byte 12")
-        if head[15] not in (_DVS, _ATIS):
-            kind = _TYPES[head[15]] if head[15] < len(_TYPES) else str(head[15])
+        kinds = {"dvs": _core.EventStreamKind.dvs, "atis": _core.EventStreamKind.atis}
+        kind = _TYPES[head[15]] if head[15] < len(_TYPES) else str(head[15])
+        if kind not in kinds:
             raise ReadError(path, f"holds events of type {kind}, expected dvs or atis", place="byte 15")
-        self._library: Any = require("event_stream", "event_stream", "an Event Stream file", path)
-        self._path, self._kind = path, head[15]
-        width, height = (int.from_bytes(head[at : at + 2], "little") for at in (16, 18))
+        self._path, self._kind = path, kinds[kind]
+        width, height = (int.from_bytes(head[place : place + 2], "little") for place in (16, 18))
         if not width or not height:
-            raise ReadError(path, f"sensor is {width}x{height}", place="byte 16")
+            raise ReadError(path, f"sensor is {width}x{height}, expected pixels", place="byte 16")
         self.size = width, height
 
     def blocks(self) -> Iterator[Block]:
-        with self._library.Decoder(str(self._path)) as decoder:
-            for chunk in decoder:
-                events = chunk if self._kind == _DVS else chunk[~chunk["exposure"]]
-                rise = events["on" if self._kind == _DVS else "polarity"]
-                if len(events) and int(events["t"].max()) >= 2**63:
-                    raise ReadError(self._path, "damaged: times beyond 64 bits")
-                yield Block(events["x"], events["y"], events["t"].astype(np.int64), rise.astype(np.uint8))
+        decoder = _core.EventStreamDecoder(self._kind)
+        position = _HEADER_BYTES
+        with self._path.open("rb") as file:
+            file.seek(position)
+            while data := file.read(BLOCK_EVENTS):
+                x, y, t, p = decoder.decode(np.frombuffer(data, np.uint8))
+                yield Block(x, y, t, p, at(f"bytes {position} to {position + len(data) - 1}"))
+                position += len(data)
+        if decoder.pending:
+            raise ReadError(
+                self._path, "truncated inside an event", place=f"byte {position - decoder.pending}"
+            )
 
 
 EVENT_STREAM = EventStreamReader()
