@@ -2,6 +2,7 @@
 
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/velocity_sweep.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
@@ -81,8 +82,8 @@ void bind_motion(py::module_& m) {
         Image image(sensor_region(checked_size(width, height)));
         {
           py::gil_scoped_release release;
-          BlurWorkspace blur;
-          make_iwe(image, points, model, frame, gaussian_taps(sigma), blur);
+          IweWorkspace workspace;
+          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace);
         }
         return to_numpy(std::move(image.pixels), {height, width});
       },

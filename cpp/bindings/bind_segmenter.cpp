@@ -31,7 +31,8 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
                               std::optional<double> lambda_label, int bracket_row, int bracket_col,
                               double max_speed, double max_scale_rate, double max_angle_rate,
                               const std::vector<std::string>& kinds, int num_iter_segmentation,
-                              int num_iter_labeling, double sigma, bool mark_noise, int threads) {
+                              int num_iter_labeling, double sigma, std::optional<std::size_t> max_events, bool mark_noise,
+                              int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);
   options.lambda_data = lambda_data;
@@ -45,6 +46,7 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
   options.num_iter_segmentation = num_iter_segmentation;
   options.num_iter_labeling = num_iter_labeling;
   options.sigma = sigma;
+  options.max_events = max_events.value_or(SegmenterOptions::all_events);
   options.mark_noise = mark_noise;
   options.threads = threads;
   options.check();
@@ -69,6 +71,7 @@ void bind_segmenter(py::module_& m) {
            py::arg("affine_theta_max") = defaults.bounds.angle_rate, py::arg("kinds") = default_kinds,
            py::arg("num_iter_segmentation") = defaults.num_iter_segmentation,
            py::arg("num_iter_labeling") = defaults.num_iter_labeling, py::arg("sigma") = defaults.sigma,
+           py::arg("max_events") = std::optional(defaults.max_events),
            py::arg("mark_noise") = defaults.mark_noise, py::arg("threads") = defaults.threads,
            "Raise ValueError that names the first setting out of range.")
       .def_property_readonly("kinds",
@@ -92,6 +95,12 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("num_iter_segmentation", &SegmenterOptions::num_iter_segmentation)
       .def_readonly("num_iter_labeling", &SegmenterOptions::num_iter_labeling)
       .def_readonly("sigma", &SegmenterOptions::sigma)
+      .def_property_readonly("max_events",
+                             [](const SegmenterOptions& o) {
+                               return o.max_events == SegmenterOptions::all_events
+                                          ? std::nullopt
+                                          : std::optional(o.max_events);
+                             })
       .def_readonly("mark_noise", &SegmenterOptions::mark_noise)
       .def_readonly("threads", &SegmenterOptions::threads);
 
@@ -104,6 +113,7 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("energy_trace", &Segmentation::energy_trace)
       .def_readonly("reference_sharpness", &Segmentation::reference_sharpness)
       .def_readonly("next_duration_us", &Segmentation::next_duration_us)
+      .def_readonly("thinned", &Segmentation::thinned)
       .def_readonly("timings", &Segmentation::timings);
 
   py::class_<Segmenter>(m, "Segmenter",

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cassert>
 
+#include "emseg/sampling.hpp"
+
 namespace emseg {
 
-Alternation::Alternation(const PointView& points, const EventGraph& graph, const WarpFrame& frame,
+Alternation::Alternation(const PointView& points, const PixelGraph& graph, const WarpFrame& frame,
                          Region plane, std::vector<MotionModel> models, const AlternationOptions& options,
                          ThreadPool& pool, ExpansionWorkspace& expansion_workspace, StageClock& clock)
     : points_(points),
@@ -15,6 +17,7 @@ Alternation::Alternation(const PointView& points, const EventGraph& graph, const
       options_(options),
       pool_(pool),
       expansion_workspace_(expansion_workspace),
+      bands_(graph, expansion_workspace, {.max_sweeps = options.sweeps}),
       clock_(clock),
       taps_(gaussian_taps(options.sigma)),
       support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
@@ -27,9 +30,13 @@ Alternation::Alternation(const PointView& points, const EventGraph& graph, const
                  [&](std::size_t m, int worker) { evaluate(models_[m], worker, supports_[m]); });
   std::vector<const ModelSupport*> pointers;
   for (const ModelSupport& support : supports_) pointers.push_back(&support);
-  reference_ = reference_sharpness(options_.term, pointers);
-  set_costs();
+  costs_.resize(models_.size());
+  set_reference(reference_sharpness(options_.term, pointers));
   clock_.lap("data_term");
+  if (options_.labelling == Labelling::exact) {
+    event_graph_ = join_events(graph_);
+    clock_.lap("graph");
+  }
 }
 
 void Alternation::run() {
@@ -49,24 +56,37 @@ void Alternation::add_free_model(const MotionModel& model) {
   supports_.emplace_back();
   evaluate(model, 0, supports_.back());
   label_costs_.push_back(0);
-  set_costs();
+  costs_.emplace_back();
+  evaluate_costs(supports_.back(), costs_.back());
   label();
 }
 
 // Labels given models: alpha-expansion.
 void Alternation::label() {
+  std::vector<std::span<const std::int32_t>> unary(costs_.begin(), costs_.end());
+  const WindowLabeling problem{unary, options_.smooth_cost, label_costs_};
+  ExpansionResult result =
+      options_.labelling == Labelling::exact ? exact_labels() : bands_.minimise(problem, labels_);
+  labels_ = std::move(result.labels);
+  trace_.push_back(result.energy);
+  clock_.lap("labels");
+}
+
+ExpansionResult Alternation::exact_labels() {
   const std::size_t n = points_.size();
   const std::size_t count = models_.size();
   std::vector<std::int32_t> unary(n * count);
   for (std::size_t m = 0; m < count; ++m) {
     for (std::size_t k = 0; k < n; ++k) unary[k * count + m] = costs_[m][k];
   }
-  ExpansionOptions options;
-  options.max_sweeps = options_.sweeps;
-  ExpansionResult result = expansion(labeling(unary), labels_, options, expansion_workspace_);
-  labels_ = std::move(result.labels);
-  trace_.push_back(result.energy);
-  clock_.lap("labels");
+  LabelingProblem problem;
+  problem.label_count = static_cast<std::int32_t>(count);
+  problem.unary = unary;
+  problem.indptr = event_graph_.indptr;
+  problem.indices = event_graph_.indices;
+  problem.weight = {&options_.smooth_cost, 1};
+  problem.label_cost = label_costs_;
+  return expansion(problem, labels_, {.max_sweeps = options_.sweeps}, expansion_workspace_);
 }
 
 // Models that no event uses take no part in the published G_ref either; without them it can only fall, and
@@ -94,58 +114,71 @@ void Alternation::drop_unused() {
   for (std::int32_t& label : labels_) label = position[static_cast<std::size_t>(label)];
   for (std::int32_t& label : refitted_labels_) label = position[static_cast<std::size_t>(label)];
   const std::int64_t before = data_cost();
-  reference_ = reference_with(0, supports_[0]);
-  set_costs();
+  if (options_.term == DataTerm::published) set_reference(reference_with(0, supports_[0]));
   trace_.push_back(energy() + data_cost() - before);
 }
 
-// Models given labels: every used model whose events have changed is refitted on them, as each kind on offer;
-// a refit that lowers the energy takes the model's place.  True if one did.
+// Models given labels: every used model whose events have changed is refitted on them, as the richest kind on
+// offer, which the others are cases of; a refit that lowers the energy takes the model's place.  True if one
+// did.
 bool Alternation::refit() {
-  std::vector<Points> members(models_.size());
-  for (std::size_t k = 0; k < labels_.size(); ++k)
-    members[static_cast<std::size_t>(labels_[k])].push_back(points_, k);
+  std::vector<std::vector<std::size_t>> members(models_.size());
+  for (std::size_t k = 0; k < labels_.size(); ++k) members[static_cast<std::size_t>(labels_[k])].push_back(k);
   struct Refit {
     std::size_t label;
-    MotionKind kind;
     MotionModel model;
     ModelSupport support;
+    std::vector<std::int32_t> costs;
   };
   std::vector<Refit> refits;
   for (std::size_t l = 0; l < models_.size(); ++l) {
-    if (members[l].size() == 0 || !members_changed(l)) continue;
-    for (const MotionKind kind : options_.kinds) refits.push_back({l, kind, {}, {}});
+    if (!members[l].empty() && members_changed(l)) refits.push_back({l, {}, {}, {}});
   }
+  const MotionKind kind = richest(options_.kinds);
   pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
     Refit& refit = refits[i];
-    const PointView own = members[refit.label].view();
-    const MotionModel start = convert_motion(models_[refit.label], refit.kind, frame_, plane_);
-    refit.model = refine_motion(own, start, frame_, fit_region(own, start, frame_, plane_), options_.refine,
-                                contrast_workspaces_[static_cast<std::size_t>(worker)])
-                      .model;
+    const std::vector<std::size_t>& all = members[refit.label];
+    Points own;
+    for (const std::size_t at : even_sample(all.size(), options_.max_refit_events))
+      own.push_back(points_, all[at]);
+    const MotionModel start = convert_motion(models_[refit.label], kind, frame_, plane_);
+    refit.model =
+        refine_motion(own.view(), start, frame_, fit_region(own.view(), start, frame_, plane_),
+                      options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
+            .model;
     evaluate(refit.model, worker, refit.support);
+    if (options_.term != DataTerm::published) evaluate_costs(refit.support, refit.costs);
   });
-
   refitted_labels_ = labels_;
 
   bool improved = false;
   std::int64_t current = data_cost();
   std::int64_t energy_now = energy();
   for (Refit& refit : refits) {
-    const double reference = reference_with(refit.label, refit.support);
-    const std::int64_t with = data_cost_with(refit.label, refit.support, reference);
-    if (with >= current) continue;
-    energy_now += with - current;
-    current = with;
-    reference_ = reference;
-    models_[refit.label] = refit.model;
-    supports_[refit.label] = std::move(refit.support);
-    improved = true;
+    const double before = reference_;
+    std::swap(supports_[refit.label], refit.support);
+    if (options_.term == DataTerm::published) {
+      // A sharper image elsewhere makes every event dearer: all costs follow G_ref.
+      set_reference(reference_with(refit.label, supports_[refit.label]));
+    } else {
+      std::swap(costs_[refit.label], refit.costs);
+    }
+    const std::int64_t with = data_cost();
+    if (with < current) {
+      energy_now += with - current;
+      current = with;
+      models_[refit.label] = refit.model;
+      improved = true;
+    } else {
+      std::swap(supports_[refit.label], refit.support);
+      if (options_.term == DataTerm::published) {
+        set_reference(before);
+      } else {
+        std::swap(costs_[refit.label], refit.costs);
+      }
+    }
   }
-  if (improved) {
-    set_costs();
-    trace_.push_back(energy_now);
-  }
+  if (improved) trace_.push_back(energy_now);
   clock_.lap("refit");
   return improved;
 }
@@ -173,37 +206,21 @@ double Alternation::reference_with(std::size_t label, const ModelSupport& suppor
   return reference_sharpness(options_.term, pointers);
 }
 
-// Data cost of the labels with `support` in the place of a label's.
-std::int64_t Alternation::data_cost_with(std::size_t label, const ModelSupport& support,
-                                         double reference) const {
+// Data cost of the labels.
+std::int64_t Alternation::data_cost() const {
   std::int64_t total = 0;
-  for (std::size_t k = 0; k < labels_.size(); ++k) {
-    const auto l = static_cast<std::size_t>(labels_[k]);
-    const float sharpness = l == label ? support.sharpness[k] : supports_[l].sharpness[k];
-    total += integer_cost(options_.term, sharpness, reference, options_.lambda_data);
-  }
+  for (std::size_t k = 0; k < labels_.size(); ++k) total += costs_[static_cast<std::size_t>(labels_[k])][k];
   return total;
 }
 
-std::int64_t Alternation::data_cost() const { return data_cost_with(0, supports_[0], reference_); }
-
-void Alternation::set_costs() {
-  costs_.resize(models_.size());
-  pool_.for_each(models_.size(), [&](std::size_t m, int) {
-    costs_[m].resize(points_.size());
-    integer_costs(options_.term, supports_[m].sharpness, reference_, options_.lambda_data, costs_[m]);
-  });
+void Alternation::evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const {
+  costs.resize(points_.size());
+  integer_costs(options_.term, support.sharpness, reference_, options_.lambda_data, costs);
 }
 
-LabelingProblem Alternation::labeling(std::span<const std::int32_t> unary) const {
-  LabelingProblem problem;
-  problem.label_count = static_cast<std::int32_t>(models_.size());
-  problem.unary = unary;
-  problem.indptr = graph_.indptr;
-  problem.indices = graph_.indices;
-  problem.weight = {&options_.smooth_cost, 1};
-  problem.label_cost = label_costs_;
-  return problem;
+void Alternation::set_reference(double reference) {
+  reference_ = reference;
+  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(supports_[m], costs_[m]); });
 }
 
 }  // namespace emseg

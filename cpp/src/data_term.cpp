@@ -1,12 +1,22 @@
 #include "emseg/data_term.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
+#include "kernels/kernel_table.hpp"
+
 namespace emseg {
+
+namespace {
+
+// Sharpness, as a share of the reference, below which differences say little: what passes by chance.
+constexpr float floor_share = 0.2f;
+
+}  // namespace
 
 std::string_view name_of(DataTerm term) { return term == DataTerm::published ? "published" : "logarithmic"; }
 
@@ -19,21 +29,10 @@ DataTerm data_term(std::string_view name) {
 }
 
 void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
-                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      Region canvas, std::span<const float> taps, IweWorkspace& workspace,
                       ModelSupport& support) {
-  const std::size_t n = points.size();
-  workspace.x.resize(n);
-  workspace.y.resize(n);
-  warp_points(points, model, frame, workspace.x, workspace.y);
-  Image& image = workspace.image;
-  image.reset(bounding_region(workspace.x, workspace.y, 0, canvas));
-  for (std::size_t k = 0; k < n; ++k) bilinear_vote(image, workspace.x[k], workspace.y[k]);
-  gaussian_blur(image, taps, workspace.blur);
-  support.peak = image.pixels.empty() ? 0 : *std::max_element(image.pixels.begin(), image.pixels.end());
-  support.sharpness.resize(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    support.sharpness[k] = bilinear_value(image, workspace.x[k], workspace.y[k]);
-  }
+  support.sharpness.resize(points.size());
+  support.peak = sample_iwe(points, model, frame, canvas, taps, workspace, support.sharpness);
 }
 
 double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> supports) {
@@ -60,8 +59,7 @@ double reference_sharpness(DataTerm term, std::span<const ModelSupport* const> s
 }
 
 float event_cost(DataTerm term, float sharpness, float reference) {
-  // Sharpness, as a share of the reference, below which differences say little: what passes by chance.
-  constexpr float f = 0.2f;
+  constexpr float f = floor_share;
   if (!(reference > 0)) return 0;
   const float share = std::clamp(sharpness / reference, 0.0f, 1.0f);
   if (term == DataTerm::published) return 255.0f * (1.0f - share);
@@ -76,8 +74,27 @@ std::int32_t integer_cost(DataTerm term, float sharpness, double reference, doub
 void integer_costs(DataTerm term, std::span<const float> sharpness, double reference, double lambda_data,
                    std::span<std::int32_t> costs) {
   assert(costs.size() == sharpness.size());
-  for (std::size_t k = 0; k < costs.size(); ++k) {
-    costs[k] = integer_cost(term, sharpness[k], reference, lambda_data);
+  const auto g_ref = static_cast<float>(reference);
+  const auto lambda = static_cast<float>(lambda_data);
+  if (term == DataTerm::published || !(g_ref > 0)) {
+    for (std::size_t k = 0; k < costs.size(); ++k)
+      costs[k] = integer_cost(term, sharpness[k], reference, lambda_data);
+    return;
+  }
+  // As event_cost and lround, a chunk at a time: logarithms of many numbers cost a tenth.
+  const float scale = lambda * 255.0f / std::log((1.0f + floor_share) / floor_share);
+  const float inverse = 1 / g_ref;
+  std::array<float, 256> ratio;
+  for (std::size_t first = 0; first < costs.size(); first += ratio.size()) {
+    const std::size_t n = std::min(ratio.size(), costs.size() - first);
+    const float* const from = sharpness.data() + first;
+    for (std::size_t i = 0; i < n; ++i) {
+      const float share = std::min(from[i] * inverse, 1.0f);
+      ratio[i] = (1.0f + floor_share) / (share + floor_share);
+    }
+    kernels().natural_log(ratio.data(), n, ratio.data());
+    std::int32_t* const to = costs.data() + first;
+    for (std::size_t i = 0; i < n; ++i) to[i] = static_cast<std::int32_t>(scale * ratio[i] + 0.5f);
   }
 }
 

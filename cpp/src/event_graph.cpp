@@ -58,48 +58,37 @@ std::vector<std::int32_t> raster_order(const EventView& events, ImageSize size) 
   return order;
 }
 
-// The pixels with events, in raster order, and each event's position among them.
-struct ActivePixels {
-  std::vector<Pixel> pixels;
-  std::vector<std::int32_t> pixel_of_event;
-};
-
-ActivePixels find_active_pixels(const EventView& events, ImageSize size) {
-  ActivePixels active;
-  active.pixel_of_event.resize(events.size());
-  for (const std::int32_t k : raster_order(events, size)) {
+// Fills in the pixels and their events.
+void find_active_pixels(const EventView& events, ImageSize size, PixelGraph& graph) {
+  graph.pixel_of_event.resize(events.size());
+  graph.events = raster_order(events, size);
+  for (std::size_t place = 0; place < graph.events.size(); ++place) {
+    const std::int32_t k = graph.events[place];
     const Pixel pixel{events.x[k], events.y[k]};
-    if (active.pixels.empty() || !(active.pixels.back() == pixel)) active.pixels.push_back(pixel);
-    active.pixel_of_event[k] = static_cast<std::int32_t>(active.pixels.size()) - 1;
+    if (graph.pixels.empty() || !(graph.pixels.back() == pixel)) {
+      graph.pixels.push_back(pixel);
+      graph.event_start.push_back(static_cast<std::int32_t>(place));
+    }
+    graph.pixel_of_event[k] = graph.pixel_count() - 1;
   }
-  return active;
+  graph.event_start.push_back(static_cast<std::int32_t>(events.size()));
 }
 
-// Neighbours of every pixel in both directions, in compressed rows.
-struct PixelAdjacency {
-  std::vector<std::int32_t> start;  // pixels + 1; a planar graph has fewer than 6 neighbours a pixel
-  std::vector<std::int32_t> neighbour;
-
-  std::span<const std::int32_t> of(std::int32_t pixel) const {
-    return {neighbour.data() + start[pixel], neighbour.data() + start[pixel + 1]};
-  }
-};
-
-PixelAdjacency make_adjacency(std::size_t pixel_count, std::span<const PixelEdge> edges) {
-  PixelAdjacency adjacency;
-  adjacency.start.resize(pixel_count + 2);  // filled one place late, so that scattering leaves the starts
+// Fills in the neighbours.
+void add_neighbours(std::span<const PixelEdge> edges, PixelGraph& graph) {
+  std::vector<std::int32_t>& start = graph.neighbour_start;
+  start.resize(graph.pixels.size() + 2);  // filled one place late, so that scattering leaves the starts
   for (const auto& [a, b] : edges) {
-    ++adjacency.start[a + 2];
-    ++adjacency.start[b + 2];
+    ++start[a + 2];
+    ++start[b + 2];
   }
-  accumulate_counts(adjacency.start);
-  adjacency.neighbour.resize(2 * edges.size());
+  accumulate_counts(start);
+  graph.neighbours.resize(2 * edges.size());
   for (const auto& [a, b] : edges) {
-    adjacency.neighbour[adjacency.start[a + 1]++] = b;
-    adjacency.neighbour[adjacency.start[b + 1]++] = a;
+    graph.neighbours[start[a + 1]++] = b;
+    graph.neighbours[start[b + 1]++] = a;
   }
-  adjacency.start.pop_back();
-  return adjacency;
+  start.pop_back();
 }
 
 // Edges by their larger end: the smaller ends of event j's edges stand at [start[j], start[j+1]), in any
@@ -116,17 +105,18 @@ using Latest = std::array<std::int32_t, 4>;
 // predecessor there, and at each neighbouring pixel the last event so far (j's "before"), and further back
 // every event since that predecessor (j is their "after").  Each edge arises once, when its larger end
 // arrives.
-EdgesByLargerEnd join_events(std::span<const std::int32_t> pixel_of_event, const PixelAdjacency& adjacency) {
+EdgesByLargerEnd play_events(const PixelGraph& graph) {
+  const std::span<const std::int32_t> pixel_of_event = graph.pixel_of_event;
   const std::size_t n = pixel_of_event.size();
   std::int64_t most_edges = static_cast<std::int64_t>(n);  // to predecessors, and two per neighbouring pixel
   for (const std::int32_t pixel : pixel_of_event) {
-    most_edges += 2 * static_cast<std::int64_t>(adjacency.of(pixel).size());
+    most_edges += 2 * static_cast<std::int64_t>(graph.neighbours_of(pixel).size());
   }
   EdgesByLargerEnd edges;
   edges.start.resize(n + 1);
   edges.smaller_end =
       std::make_unique_for_overwrite<std::int32_t[]>(static_cast<std::size_t>(most_edges) + Latest{}.size());
-  std::vector<Latest> latest_of_pixel(adjacency.start.size() - 1, Latest{none, none, none, none});
+  std::vector<Latest> latest_of_pixel(graph.pixels.size(), Latest{none, none, none, none});
   std::vector<std::int32_t> predecessor(n);  // at the same pixel, by event
   std::int32_t* end = edges.smaller_end.get();
   for (std::size_t j = 0; j < n; ++j) {
@@ -134,7 +124,7 @@ EdgesByLargerEnd join_events(std::span<const std::int32_t> pixel_of_event, const
     const std::int32_t previous = here[0];
     *end = previous;
     end += previous != none;
-    for (const std::int32_t neighbour : adjacency.of(pixel_of_event[j])) {
+    for (const std::int32_t neighbour : graph.neighbours_of(pixel_of_event[j])) {
       // How many events lie since `previous` cannot be predicted, so four are copied and the right ones kept.
       const Latest there = latest_of_pixel[neighbour];
       std::copy(there.begin(), there.end(), end);
@@ -156,7 +146,7 @@ EventGraph transpose(const EdgesByLargerEnd& edges) {
   const std::size_t n = edges.start.size() - 1;
   const std::int64_t edge_count = edges.start[n];
   EventGraph graph;
-  graph.indptr.resize(n + 2);  // filled one place late, as in make_adjacency
+  graph.indptr.resize(n + 2);  // filled one place late, as in add_neighbours
   for (std::int64_t e = 0; e < edge_count; ++e) ++graph.indptr[edges.smaller_end[e] + 2];
   accumulate_counts(graph.indptr);
   graph.indices.resize(static_cast<std::size_t>(edge_count));
@@ -171,11 +161,18 @@ EventGraph transpose(const EdgesByLargerEnd& edges) {
 
 }  // namespace
 
-EventGraph build_event_graph(const EventView& events, ImageSize size) {
+PixelGraph build_pixel_graph(const EventView& events, ImageSize size) {
   check_input(events, size);
-  const ActivePixels active = find_active_pixels(events, size);
-  const PixelAdjacency adjacency = make_adjacency(active.pixels.size(), delaunay_edges(active.pixels));
-  return transpose(join_events(active.pixel_of_event, adjacency));
+  PixelGraph graph;
+  find_active_pixels(events, size, graph);
+  add_neighbours(delaunay_edges(graph.pixels), graph);
+  return graph;
+}
+
+EventGraph join_events(const PixelGraph& graph) { return transpose(play_events(graph)); }
+
+EventGraph build_event_graph(const EventView& events, ImageSize size) {
+  return join_events(build_pixel_graph(events, size));
 }
 
 }  // namespace emseg

@@ -6,16 +6,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "expansion_move.hpp"
+#include "expansion_moves.hpp"
 #include "labeling_problem.hpp"
 #include "ordered_problem.hpp"
 
 namespace emseg {
-
-struct ExpansionWorkspace::Moves {
-  ExpansionMove<std::int32_t> narrow;
-  ExpansionMove<std::int64_t> wide;
-};
 
 ExpansionWorkspace::ExpansionWorkspace() : moves_(std::make_unique<Moves>()) {}
 ExpansionWorkspace::~ExpansionWorkspace() = default;
@@ -39,27 +34,11 @@ std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& prob
 template <typename Cost, typename Capacity>
 void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, ExpansionMove<Capacity>& move,
               ExpansionResult& result) {
-  move.begin(problem);
-  std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
-  for (const std::int32_t label : result.labels) ++used[static_cast<std::size_t>(label)];
-
-  // Labels in turn that have nothing to gain any more; a label that has just been expanded is one of them.
-  std::int32_t settled = 0;
-  for (int sweep = 0; sweep < max_sweeps && settled < problem.label_count; ++sweep) {
-    for (std::int32_t alpha = 0; alpha < problem.label_count && settled < problem.label_count; ++alpha) {
-      const std::int64_t gain = move.find(problem, result.labels, used, alpha);
-      settled = gain > 0 ? 1 : settled + 1;
-      for (const std::int32_t site : move.switched()) {
-        std::int32_t& label = result.labels[static_cast<std::size_t>(site)];
-        --used[static_cast<std::size_t>(label)];
-        ++used[static_cast<std::size_t>(alpha)];
-        label = alpha;
-      }
-      result.energy -= gain;
-    }
-    assert(result.energy == evaluate(problem, result.labels));
+  for (const std::int64_t gain : expand_in_turn(problem, max_sweeps, move, result.labels)) {
+    result.energy -= gain;
     result.energy_trace.push_back(result.energy);
   }
+  assert(result.energy == evaluate(problem, result.labels));
 }
 
 template <typename Cost>

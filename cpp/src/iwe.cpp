@@ -1,13 +1,65 @@
 #include "emseg/iwe.hpp"
 
+#include <array>
+#include <cassert>
+
+#include "iwe_rows.hpp"
+
 namespace emseg {
 
+void vote_warped(VoteGrid& grid, const PointView& points, const WarpField& field, VotePlaces& places,
+                 Places wanted) {
+  // A chunk at a time, so that warped places stay in the first-level cache.
+  constexpr std::size_t chunk = 512;
+  std::array<float, chunk> x, y;
+  places.resize(wanted == Places::kept ? points.size() : chunk);
+  for (std::size_t first = 0; first < points.size(); first += chunk) {
+    const std::size_t count = std::min(chunk, points.size() - first);
+    kernels().warp(field, points.x.data() + first, points.y.data() + first, points.dt.data() + first, count,
+                   x.data(), y.data());
+    grid.vote({x.data(), count}, {y.data(), count}, places, wanted == Places::kept ? first : 0);
+  }
+}
+
 void make_iwe(Image& image, const PointView& points, const MotionModel& model, const WarpFrame& frame,
-              std::span<const float> taps, BlurWorkspace& workspace) {
+              std::span<const float> taps, IweWorkspace& workspace) {
+  VoteGrid& grid = workspace.grid;
+  grid.reset(image.region);
+  vote_warped(grid, points, warp_field(model, frame), workspace.places, Places::forgotten);
   image.reset(image.region);
-  std::visit([&](const auto& m) { vote(image, points, typename std::decay_t<decltype(m)>::Warp(m, frame)); },
-             model);
-  gaussian_blur(image, taps, workspace);
+  if (image.region.area() == 0) return;
+  const auto nothing = [](int, float*) {};
+  if (taps.size() == 1) {
+    const Region voted = grid.voted();
+    for (int y = voted.y0; y < voted.y0 + voted.height; ++y) grid.take_row(y, image.row(y) + voted.x0);
+  } else {
+    const Region area = blurred_area(grid.voted(), image.region, taps);
+    take_blurred(grid, area, taps, workspace.blur, [&](int y) { return image.row(y) + area.x0; }, nothing);
+  }
+}
+
+float sample_iwe(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
+                 std::span<const float> taps, IweWorkspace& workspace, std::span<float> values) {
+  assert(values.size() == points.size());
+  workspace.x.resize(points.size());
+  workspace.y.resize(points.size());
+  warp_points(points, model, frame, workspace.x, workspace.y);
+  const Region region = bounding_region(workspace.x, workspace.y, 0, canvas);
+  VoteGrid& grid = workspace.grid;
+  grid.reset(region);
+  workspace.places.resize(points.size());
+  grid.vote(workspace.x, workspace.y, workspace.places);
+  workspace.cells.assign(VoteGrid::lead + grid.cell_count(), 0.0f);
+  float* const cells = workspace.cells.data() + VoteGrid::lead;
+  const Region area = blurred_area(grid.voted(), region, taps);
+  float peak = 0;
+  take_blurred(
+      grid, area, taps, workspace.blur, [&](int y) { return cells + grid.cell_of(area.x0, y); },
+      [&](int, const float* row) {
+        peak = std::max(peak, kernels().maximum(row, static_cast<std::size_t>(area.width)));
+      });
+  sample_values(cells, grid.stride(), workspace.places, values);
+  return peak;
 }
 
 Region image_plane(ImageSize size, const UndistortionTable* table) {

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <set>
 
+#include "emseg/count_image.hpp"
 #include "emseg/model_selection.hpp"
+#include "emseg/sampling.hpp"
 
 namespace emseg {
 
@@ -28,12 +30,6 @@ std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col) 
 }
 
 namespace {
-
-// The richest kind on offer; poorer ones are special cases of it or compete later, on the labels.
-MotionKind richest(const std::vector<MotionKind>& kinds) {
-  return *std::max_element(kinds.begin(), kinds.end(),
-                           [](MotionKind a, MotionKind b) { return dof_of(a) < dof_of(b); });
-}
 
 // Squares of `side` px that overlap by half: small objects fill one of them.
 std::vector<Region> overlapping_tiles(Region plane, int side) {
@@ -75,50 +71,99 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   return models;
 }
 
+// No more than `most` of the points, evenly in time.
+Points thinned(const PointView& points, std::size_t most) {
+  Points few;
+  for (const std::size_t k : even_sample(points.size(), most)) few.push_back(points, k);
+  return few;
+}
+
+// Half the resolution: a quarter of the pixels, and peaks of contrast twice as wide.
+WarpFrame halved(WarpFrame frame) {
+  for (double* length : {&frame.cx, &frame.cy, &frame.f0, &frame.fx, &frame.fy, &frame.px, &frame.py})
+    *length *= 0.5;
+  return frame;
+}
+
+Region halved(Region region) {
+  return {region.x0 / 2 - 1, region.y0 / 2 - 1, region.width / 2 + 2, region.height / 2 + 2};
+}
+
+void halve(Points& points) {
+  for (float& x : points.x) x *= 0.5f;
+  for (float& y : points.y) y *= 0.5f;
+}
+
+// The model in coordinates that are `scale` times as large, with the frame to match.
+MotionModel scaled(const MotionModel& model, double scale) {
+  MotionModel result = model;
+  std::visit(
+      [scale](auto& m) {
+        if constexpr (!std::is_same_v<std::decay_t<decltype(m)>, Rotation>) {
+          m.params[0] *= scale;
+          m.params[1] *= scale;
+        }
+      },
+      result);
+  return result;
+}
+
 // The search for the cheapest set of models: candidates, what they cost every block, and the set chosen last.
+// It sees the events thinned, counts whole votes, and refines at half the resolution: what it hands on is
+// refined in full later.
 class PoolSearch {
  public:
   PoolSearch(const PointView& points, const WarpFrame& frame, Region plane, const PoolOptions& options,
              ThreadPool& pool)
-      : points_(points),
+      : points_(thinned(points, options.max_events)),
         frame_(frame),
+        half_frame_(halved(frame)),
         plane_(plane),
         options_(options),
         pool_(pool),
-        taps_(gaussian_taps(options.sigma)),
-        grid_(make_block_grid(points, plane, options.block)),
-        support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
+        // In units of the data cost of a thinned event.
+        label_cost_(std::llround(std::min(1e15, options.lambda_label / std::max(1e-9, options.lambda_data) *
+                                                    static_cast<double>(points_.size()) /
+                                                    static_cast<double>(points.size())))),
+        grid_(make_block_grid(points_.view(), plane, options.block)),
+        count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
   void add(const std::vector<MotionModel>& models) {
     const std::size_t before = models_.size();
     models_.insert(models_.end(), models.begin(), models.end());
-    supports_.resize(models_.size());
+    sharpness_.resize(models_.size());
     pool_.for_each(models.size(), [&](std::size_t i, int worker) {
-      evaluate_support(points_, models_[before + i], frame_, canvas_of(plane_), taps_,
-                       support_workspaces_[static_cast<std::size_t>(worker)], supports_[before + i]);
+      std::vector<std::uint16_t>& sharpness = sharpness_[before + i];
+      sharpness.resize(points_.size());
+      count_sharpness(points_.view(), models_[before + i], frame_, canvas_of(plane_),
+                      count_workspaces_[static_cast<std::size_t>(worker)], sharpness);
     });
   }
 
-  // Chooses among all candidates; returns the cost.
-  double choose() {
-    const double reference = reference_of_chosen();
+  // Chooses among all candidates.
+  void choose() {
+    const std::vector<std::uint8_t> cost_of = event_costs(reference_of_chosen());
     costs_.resize(models_.size());
-    pool_.for_each(models_.size(), [&](std::size_t m, int) {
-      costs_[m] = block_costs(grid_, supports_[m], options_.term, reference, options_.lambda_data);
-    });
-    selection_ = select_models(costs_, options_.lambda_label);
-    return selection_.cost;
+    pool_.for_each(models_.size(),
+                   [&](std::size_t m, int) { costs_[m] = block_costs(grid_, sharpness_[m], cost_of); });
+    selection_ = select_models(costs_, label_cost_);
   }
 
   // Each chosen model refitted on the events of its blocks, and pairs that are nearly one motion on both's.
   std::vector<MotionModel> refits() {
     const auto& chosen = selection_.chosen;
     std::vector<Points> members(chosen.size());
-    for (std::size_t k = 0; k < points_.size(); ++k) {
-      members[chosen_for(grid_.of_event[k])].push_back(points_, k);
+    const PointView points = points_.view();
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      members[chosen_for(grid_.of_event[k])].push_back(points, k);
+    }
+    for (Points& cluster : members) {
+      cluster = thinned(cluster.view(), options_.max_refit_events);
+      halve(cluster);
     }
     RefineOptions coarse = options_.refine;
+    coarse.bounds.speed *= 0.5;
     coarse.max_iterations = 10;
     coarse.tolerance = 0.05;
     struct Task {
@@ -132,7 +177,7 @@ class PoolSearch {
       for (std::size_t b = 0; b < chosen.size(); ++b) {
         const bool larger =
             members[a].size() > members[b].size() || (members[a].size() == members[b].size() && a < b);
-        if (a == b || !larger || merging_loss(b, a) >= 6 * options_.lambda_label) continue;
+        if (a == b || !larger || merging_loss(b, a) >= 6 * label_cost_) continue;
         if (paired_.insert({chosen[a], chosen[b]}).second) tasks.push_back({a, b});
       }
     }
@@ -142,11 +187,12 @@ class PoolSearch {
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);
-      const MotionModel start = convert_motion(models_[chosen[task.start]], kind, frame_, plane_);
-      models[i] =
-          refine_motion(cluster.view(), start, frame_, fit_region(cluster.view(), start, frame_, plane_),
-                        coarse, contrast_workspaces_[static_cast<std::size_t>(worker)])
-              .model;
+      const MotionModel start = scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
+      const FitResult fit =
+          refine_motion(cluster.view(), start, half_frame_,
+                        fit_region(cluster.view(), start, half_frame_, halved(plane_)), coarse,
+                        contrast_workspaces_[static_cast<std::size_t>(worker)]);
+      models[i] = scaled(fit.model, 2);
     });
     return models;
   }
@@ -170,19 +216,42 @@ class PoolSearch {
     return static_cast<std::size_t>(selection_.of_block[static_cast<std::size_t>(block)]);
   }
 
-  // G_ref by the models chosen last, or by all before there is a choice.
-  double reference_of_chosen() const {
-    std::vector<const ModelSupport*> pointers;
-    for (const std::size_t m : selection_.chosen) pointers.push_back(&supports_[m]);
-    if (pointers.empty()) {
-      for (const ModelSupport& support : supports_) pointers.push_back(&support);
+  // The count that costs nothing, by the models chosen last, or by all before there is a choice: the largest
+  // pixel for the published term, the 95 % quantile of the best of all models for ours (see data_term.hpp).
+  int reference_of_chosen() const {
+    std::vector<std::uint16_t> best(points_.size(), 0);
+    const auto take = [&](const std::vector<std::uint16_t>& sharpness) {
+      for (std::size_t k = 0; k < best.size(); ++k) best[k] = std::max(best[k], sharpness[k]);
+    };
+    if (selection_.chosen.empty()) {
+      for (const auto& sharpness : sharpness_) take(sharpness);
+    } else {
+      for (const std::size_t m : selection_.chosen) take(sharpness_[m]);
     }
-    return reference_sharpness(options_.term, pointers);
+    if (options_.term == DataTerm::published) return *std::max_element(best.begin(), best.end());
+    std::vector<std::uint32_t> histogram(count_levels, 0);
+    for (const std::uint16_t count : best) ++histogram[count];
+    std::size_t above = 0;
+    int level = count_levels - 1;
+    for (; level > 0; --level) {
+      above += histogram[static_cast<std::size_t>(level)];
+      if (20 * above >= best.size()) break;
+    }
+    return level;
+  }
+
+  std::vector<std::uint8_t> event_costs(int reference) const {
+    std::vector<std::uint8_t> costs(count_levels);
+    for (int count = 0; count < count_levels; ++count) {
+      costs[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(std::lround(
+          event_cost(options_.term, static_cast<float>(count), static_cast<float>(reference))));
+    }
+    return costs;
   }
 
   // What explaining the blocks of chosen model `from` by chosen model `to` would add to the data cost.
-  double merging_loss(std::size_t from, std::size_t to) const {
-    double loss = 0;
+  std::int64_t merging_loss(std::size_t from, std::size_t to) const {
+    std::int64_t loss = 0;
     for (std::size_t b = 0; b < grid_.count(); ++b) {
       if (chosen_for(static_cast<std::int32_t>(b)) != from) continue;
       loss += costs_[selection_.chosen[to]][b] - costs_[selection_.chosen[from]][b];
@@ -196,18 +265,19 @@ class PoolSearch {
     to.dt.insert(to.dt.end(), from.dt.begin(), from.dt.end());
   }
 
-  const PointView points_;
+  const Points points_;
   const WarpFrame& frame_;
+  const WarpFrame half_frame_;
   const Region plane_;
   const PoolOptions& options_;
   ThreadPool& pool_;
-  std::vector<float> taps_;
+  const std::int64_t label_cost_;
   BlockGrid grid_;
-  std::vector<SupportWorkspace> support_workspaces_;
+  std::vector<CountWorkspace> count_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
   std::vector<MotionModel> models_;
-  std::vector<ModelSupport> supports_;
-  std::vector<std::vector<float>> costs_;  // per model, per block
+  std::vector<std::vector<std::uint16_t>> sharpness_;  // per model, per point
+  std::vector<std::vector<std::int32_t>> costs_;       // per model, per block
   Selection selection_;
   std::set<std::pair<std::size_t, std::size_t>>
       fitted_;  // candidates refitted, with the number of their events

@@ -21,27 +21,24 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
   return grid;
 }
 
-std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term,
-                               double reference, double lambda_data) {
-  std::vector<float> own(grid.count(), 0.0f);
-  const auto g_ref = static_cast<float>(reference);
-  const auto lambda = static_cast<float>(lambda_data);
+std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std::uint16_t> sharpness,
+                                      std::span<const std::uint8_t> cost_of) {
+  std::vector<std::int32_t> own(grid.count(), 0);
   for (std::size_t k = 0; k < grid.of_event.size(); ++k) {
-    own[static_cast<std::size_t>(grid.of_event[k])] += lambda * event_cost(term, support.sharpness[k], g_ref);
+    own[static_cast<std::size_t>(grid.of_event[k])] += cost_of[sharpness[k]];
   }
-  // Half weight for the four neighbours; a mean, so that costs stay those of a block's worth of events.
-  std::vector<float> costs(grid.count());
+  std::vector<std::int32_t> costs(grid.count());
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
-      float sum = 0;
-      int neighbours = 0;
+      std::int32_t sum = 0;
+      std::int32_t neighbours = 0;
       const auto at = [&](int c, int r) { return own[static_cast<std::size_t>(r * grid.columns + c)]; };
       if (column > 0) sum += at(column - 1, row), ++neighbours;
       if (row > 0) sum += at(column, row - 1), ++neighbours;
       if (column + 1 < grid.columns) sum += at(column + 1, row), ++neighbours;
       if (row + 1 < grid.rows) sum += at(column, row + 1), ++neighbours;
       costs[static_cast<std::size_t>(row * grid.columns + column)] =
-          (at(column, row) + 0.5f * sum) / (1 + 0.5f * static_cast<float>(neighbours));
+          (2 * at(column, row) + sum) / (2 + neighbours);
     }
   }
   return costs;
@@ -49,33 +46,33 @@ std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& suppor
 
 namespace {
 
-double total(const std::vector<float>& minimum) {
-  double sum = 0;
-  for (const float cost : minimum) sum += cost;
+using Costs = std::vector<std::int32_t>;
+
+std::int64_t total(const Costs& minimum) {
+  std::int64_t sum = 0;
+  for (const std::int32_t cost : minimum) sum += cost;
   return sum;
 }
 
-std::vector<float> minimum_over(const std::vector<std::vector<float>>& costs,
-                                const std::vector<std::size_t>& chosen) {
-  std::vector<float> minimum(costs.front().size(), std::numeric_limits<float>::max());
+Costs minimum_over(const std::vector<Costs>& costs, const std::vector<std::size_t>& chosen) {
+  Costs minimum(costs.front().size(), std::numeric_limits<std::int32_t>::max());
   for (const std::size_t m : chosen) {
     for (std::size_t b = 0; b < minimum.size(); ++b) minimum[b] = std::min(minimum[b], costs[m][b]);
   }
   return minimum;
 }
 
-double total_with(const std::vector<float>& minimum, const std::vector<float>& candidate) {
-  double sum = 0;
+std::int64_t total_with(const Costs& minimum, const Costs& candidate) {
+  std::int32_t sum = 0;  // at most the candidate's own
   for (std::size_t b = 0; b < minimum.size(); ++b) sum += std::min(minimum[b], candidate[b]);
   return sum;
 }
 
 // The candidate that lowers the total most when added to `minimum`.
-std::pair<double, std::size_t> best_addition(const std::vector<std::vector<float>>& costs,
-                                             const std::vector<float>& minimum) {
-  std::pair<double, std::size_t> best{std::numeric_limits<double>::infinity(), 0};
+std::pair<std::int64_t, std::size_t> best_addition(const std::vector<Costs>& costs, const Costs& minimum) {
+  std::pair<std::int64_t, std::size_t> best{std::numeric_limits<std::int64_t>::max(), 0};
   for (std::size_t m = 0; m < costs.size(); ++m) {
-    const double sum = total_with(minimum, costs[m]);
+    const std::int64_t sum = total_with(minimum, costs[m]);
     if (sum < best.first) best = {sum, m};
   }
   return best;
@@ -83,15 +80,15 @@ std::pair<double, std::size_t> best_addition(const std::vector<std::vector<float
 
 }  // namespace
 
-Selection select_models(const std::vector<std::vector<float>>& costs, double label_cost) {
+Selection select_models(const std::vector<std::vector<std::int32_t>>& costs, std::int64_t label_cost) {
   Selection selection;
   auto& chosen = selection.chosen;
-  double cost = std::numeric_limits<double>::infinity();
+  std::int64_t cost = std::numeric_limits<std::int64_t>::max();
   for (bool improved = true; improved;) {
     improved = false;
     while (true) {
       const auto [sum, candidate] = best_addition(costs, minimum_over(costs, chosen));
-      const double with = sum + label_cost * static_cast<double>(chosen.size() + 1);
+      const std::int64_t with = sum + label_cost * static_cast<std::int64_t>(chosen.size() + 1);
       if (!(with < cost)) break;
       chosen.push_back(candidate);
       cost = with;
@@ -100,11 +97,11 @@ Selection select_models(const std::vector<std::vector<float>>& costs, double lab
     for (std::size_t i = 0; i < chosen.size() && chosen.size() > 1; ++i) {
       std::vector<std::size_t> rest = chosen;
       rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
-      const std::vector<float> without = minimum_over(costs, rest);
-      const double dropped = total(without) + label_cost * static_cast<double>(rest.size());
+      const Costs without = minimum_over(costs, rest);
+      const std::int64_t dropped = total(without) + label_cost * static_cast<std::int64_t>(rest.size());
       const auto [sum, candidate] = best_addition(costs, without);
-      const double swapped = sum + label_cost * static_cast<double>(chosen.size());
-      if (std::min(dropped, swapped) < cost - 1e-6 * cost) {
+      const std::int64_t swapped = sum + label_cost * static_cast<std::int64_t>(chosen.size());
+      if (std::min(dropped, swapped) < cost) {
         if (swapped < dropped) rest.push_back(candidate);
         cost = std::min(dropped, swapped);
         chosen = rest;

@@ -3,6 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
+
+#include "velocity_search.hpp"
 
 namespace emseg {
 
@@ -33,31 +36,64 @@ MotionModel clamp_motion(const MotionModel& model, const MotionBounds& bounds, c
 
 namespace {
 
-// Reciprocal of the root-mean-square displacement, in px, that a unit of each parameter makes.
-Eigen::VectorXd parameter_units(const PointView& points, const MotionModel& model, const WarpFrame& frame) {
-  return std::visit(
-      [&](const auto& m) -> Eigen::VectorXd {
-        using Model = std::decay_t<decltype(m)>;
-        const typename Model::Warp warp(m, frame);
-        Eigen::VectorXd sum = Eigen::VectorXd::Zero(Model::dof);
-        const std::size_t stride = std::max<std::size_t>(1, points.size() / 256);
-        std::size_t used = 0;
-        for (std::size_t k = 0; k < points.size(); k += stride, ++used) {
-          const auto jacobian = warp.jacobian(points.x[k], points.y[k], points.dt[k]);
-          for (std::size_t d = 0; d < jacobian.dx.size(); ++d) {
-            const double square =
-                double(jacobian.dx[d]) * jacobian.dx[d] + double(jacobian.dy[d]) * jacobian.dy[d];
-            if (std::isfinite(square))
-              sum[static_cast<Eigen::Index>(d)] += square;  // a rotation may pass infinity
+// Parameters in which a step's length is the root-mean-square displacement, in px, that it makes between
+// early and late events: p = origin + transform u. A displacement that all times share moves the image, not
+// its contrast.
+struct PixelUnits {
+  Eigen::VectorXd origin;
+  Eigen::MatrixXd to_params, to_pixels;
+
+  PixelUnits(const PointView& points, const MotionModel& model, const WarpFrame& frame) {
+    const auto params = params_of(model);
+    origin = Eigen::Map<const Eigen::VectorXd>(params.data(), static_cast<Eigen::Index>(params.size()));
+    Eigen::MatrixXd gram = displacement_gram(points, model, frame);
+    // What no event depends on must not make the matrix singular.
+    gram.diagonal() += (1e-6 * gram.diagonal()).cwiseMax(1e-18);
+    const Eigen::LLT<Eigen::MatrixXd> cholesky(gram);
+    to_pixels = cholesky.matrixU();
+    to_params =
+        to_pixels.triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(gram.rows(), gram.cols()));
+  }
+
+  MotionModel model_at(MotionKind kind, const Eigen::VectorXd& u) const {
+    const Eigen::VectorXd params = origin + to_params * u;
+    return make_motion(kind, {params.data(), static_cast<std::size_t>(params.size())});
+  }
+  Eigen::VectorXd pixels_of(const MotionModel& model) const {
+    const auto params = params_of(model);
+    return to_pixels * (Eigen::Map<const Eigen::VectorXd>(params.data(), origin.size()) - origin);
+  }
+
+ private:
+  // Mean of J^T J over some of the points, with times from their mean.
+  static Eigen::MatrixXd displacement_gram(const PointView& points, const MotionModel& model,
+                                           const WarpFrame& frame) {
+    constexpr std::size_t sample = 256;
+    const std::size_t stride = std::max<std::size_t>(1, points.size() / sample);
+    double mean_dt = 0;
+    std::size_t used = 0;
+    for (std::size_t k = 0; k < points.size(); k += stride, ++used) mean_dt += points.dt[k];
+    mean_dt /= static_cast<double>(used);
+    return std::visit(
+        [&](const auto& m) -> Eigen::MatrixXd {
+          using Model = std::decay_t<decltype(m)>;
+          const typename Model::Warp warp(m, frame);
+          Eigen::Matrix<double, Model::dof, Model::dof> sum = decltype(sum)::Zero();
+          for (std::size_t k = 0; k < points.size(); k += stride) {
+            const auto jacobian =
+                warp.jacobian(points.x[k], points.y[k], points.dt[k] - static_cast<float>(mean_dt));
+            Eigen::Matrix<double, 2, Model::dof> rows;
+            for (int d = 0; d < Model::dof; ++d) {
+              rows(0, d) = jacobian.dx[static_cast<std::size_t>(d)];
+              rows(1, d) = jacobian.dy[static_cast<std::size_t>(d)];
+            }
+            if (rows.allFinite()) sum += rows.transpose() * rows;  // a rotation may pass infinity
           }
-        }
-        return (sum / static_cast<double>(std::max<std::size_t>(1, used)))
-            .cwiseSqrt()
-            .cwiseMax(1e-9)
-            .cwiseInverse();
-      },
-      model);
-}
+          return sum / static_cast<double>(used);
+        },
+        model);
+  }
+};
 
 }  // namespace
 
@@ -68,17 +104,9 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
   if (points.size() == 0 || region.area() == 0) return best;
   const MotionKind kind = kind_of(start);
   const Eigen::Index dof = dof_of(kind);
-  const Eigen::VectorXd units = parameter_units(points, start, frame);
+  const PixelUnits units(points, best.model, frame);
 
-  // In scaled parameters u = params / units, maximising log contrast: steps are in px, gains are relative.
-  const auto model_at = [&](const Eigen::VectorXd& u) {
-    const Eigen::VectorXd params = u.cwiseProduct(units);
-    return make_motion(kind, {params.data(), static_cast<std::size_t>(dof)});
-  };
-  const auto scaled_params = [&](const MotionModel& model) {
-    const auto params = params_of(model);
-    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(params.data(), dof).cwiseQuotient(units));
-  };
+  // The logarithm of the contrast is maximised: steps are in px, gains are relative.
   struct Evaluation {
     double value;
     Eigen::VectorXd gradient;
@@ -89,37 +117,41 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     ++best.evaluations;
     Evaluation evaluation{result.value, Eigen::VectorXd::Zero(dof)};
     if (result.value > 0) {
-      evaluation.gradient =
-          Eigen::Map<const Eigen::VectorXd>(result.gradient.data(), dof).cwiseProduct(units) / result.value;
+      evaluation.gradient = units.to_params.transpose() *
+                            Eigen::Map<const Eigen::VectorXd>(result.gradient.data(), dof) / result.value;
     }
     return evaluation;
   };
 
-  Eigen::VectorXd u = scaled_params(best.model);
+  // Of a contrast peak that a blur of a pixel has rounded: a first guess, put right after the first step.
+  constexpr double usual_curvature = 0.5;  // per px^2
+  const Eigen::MatrixXd first_guess = Eigen::MatrixXd::Identity(dof, dof) / usual_curvature;
+  Eigen::VectorXd u = Eigen::VectorXd::Zero(dof);
   Evaluation now = evaluate(best.model);
   best.contrast = now.value;
-  Eigen::MatrixXd inverse_hessian = Eigen::MatrixXd::Identity(dof, dof);
-  bool scaled_once = false;
+  Eigen::MatrixXd inverse_hessian = first_guess;
+  bool guessed = true;
   for (int iteration = 0; iteration < options.max_iterations; ++iteration) {
     Eigen::VectorXd direction = inverse_hessian * now.gradient;  // ascent
     if (direction.dot(now.gradient) <= 0) {
-      inverse_hessian.setIdentity();
-      direction = now.gradient;
+      inverse_hessian = first_guess;
+      guessed = true;
+      direction = inverse_hessian * now.gradient;
     }
+    // A contrast peak is as wide as an edge is sharp: no step beyond 1 px.
     const double length = direction.norm();
-    if (!(length > 0)) break;
-    // A contrast peak is as wide as an edge is sharp: no step beyond 1 px, and the first one is half a px.
-    const double limit = scaled_once ? 1.0 : 0.5;
-    if (length > limit || !scaled_once) direction *= limit / length;
+    if (length < options.tolerance) break;
+    if (length > 1) direction /= length;
 
+    const double slope = now.gradient.dot(direction);
     double step = 1;
     Eigen::VectorXd next_u;
     Evaluation next{};
     bool risen = false;
-    for (int halving = 0; halving < 7; ++halving, step *= 0.5) {
-      if (step * direction.norm() < 0.2 * options.tolerance) break;
-      const MotionModel trial = clamp_motion(model_at(u + step * direction), options.bounds, frame);
-      next_u = scaled_params(trial);
+    while (step * direction.norm() >= 0.2 * options.tolerance) {
+      const MotionModel trial =
+          clamp_motion(units.model_at(kind, u + step * direction), options.bounds, frame);
+      next_u = units.pixels_of(trial);
       next = evaluate(trial);
       // Bounds may have bent the step away from the gradient; it must rise all the same.
       if (next.value > now.value + 1e-4 * now.value * std::max(0.0, now.gradient.dot(next_u - u))) {
@@ -128,22 +160,25 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
         best.contrast = next.value;
         break;
       }
+      // The top of the parabola through what is known.
+      const double fall = slope * step - (next.value / now.value - 1);
+      step *= std::clamp(fall > 0 ? 0.5 * slope * step / fall : 0.5, 0.1, 0.5);
     }
     if (!risen) {
-      if (inverse_hessian.isIdentity()) break;
-      inverse_hessian.setIdentity();  // one more try along the gradient
-      scaled_once = false;
+      if (guessed) break;
+      inverse_hessian = first_guess;  // one more try along the gradient
+      guessed = true;
       continue;
     }
     const Eigen::VectorXd moved = next_u - u;
     const Eigen::VectorXd change = now.gradient - next.gradient;  // of the gradient of -log contrast
     const double curvature = moved.dot(change);
     if (curvature > 1e-12) {
-      if (!scaled_once) inverse_hessian *= curvature / change.squaredNorm();
-      const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(dof, dof);
-      const Eigen::MatrixXd left = identity - moved * change.transpose() / curvature;
+      if (guessed) inverse_hessian = Eigen::MatrixXd::Identity(dof, dof) * (curvature / change.squaredNorm());
+      const Eigen::MatrixXd left =
+          Eigen::MatrixXd::Identity(dof, dof) - moved * change.transpose() / curvature;
       inverse_hessian = left * inverse_hessian * left.transpose() + moved * moved.transpose() / curvature;
-      scaled_once = true;
+      guessed = false;
     }
     u = next_u;
     now = next;
@@ -158,57 +193,104 @@ Region fit_region(const PointView& points, const MotionModel& start, const WarpF
   return bounding_region(x, y, 8, canvas_of(plane));
 }
 
-FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
-                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool) {
-  // The whole sensor, and parts of it for the change of velocity across it.
+namespace {
+
+MotionModel moving(const FoundVelocity& velocity, MotionKind kind, const WarpFrame& frame, Region plane) {
+  const double params[] = {velocity.vx, velocity.vy};
+  return convert_motion(make_motion(MotionKind::translation, params), kind, frame, plane);
+}
+
+// The velocity field of the plane's parts: least squares, with the parts that disagree weighted down.
+std::optional<MotionModel> field_of_parts(const PointView& points, std::span<const std::uint8_t> positive,
+                                          MotionKind kind, const WarpFrame& frame, Region plane,
+                                          double max_speed) {
   constexpr int parts = 4;
-  std::vector<Region> regions{plane};
+  struct Part {
+    Points points;
+    std::vector<std::uint8_t> positive;
+  };
+  std::vector<Part> members(parts * parts);
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const float i = (points.x[k] - static_cast<float>(plane.x0)) * parts / static_cast<float>(plane.width);
+    const float j = (points.y[k] - static_cast<float>(plane.y0)) * parts / static_cast<float>(plane.height);
+    if (!(i >= 0 && j >= 0 && i < parts && j < parts)) continue;
+    Part& part = members[static_cast<std::size_t>(static_cast<int>(j) * parts + static_cast<int>(i))];
+    part.points.push_back(points, k);
+    part.positive.push_back(positive[k]);
+  }
+
+  const float dt = std::max(1e-3f, 0.5f * (points.dt.back() - points.dt.front()));
+  std::vector<Correspondence> field;
   for (int j = 0; j < parts; ++j) {
     for (int i = 0; i < parts; ++i) {
-      const int left = plane.width * i / parts;
-      const int top = plane.height * j / parts;
-      regions.push_back({plane.x0 + left, plane.y0 + top, plane.width * (i + 1) / parts - left,
-                         plane.height * (j + 1) / parts - top});
+      const Part& part = members[static_cast<std::size_t>(j * parts + i)];
+      const Region area{plane.x0 + plane.width * i / parts, plane.y0 + plane.height * j / parts,
+                        plane.width / parts + 1, plane.height / parts + 1};
+      const auto found = find_velocities(part.points.view(), part.positive, area, max_speed);
+      if (found.empty()) continue;
+      const auto x = static_cast<float>(area.x0 + 0.5 * (area.width - 1));
+      const auto y = static_cast<float>(area.y0 + 0.5 * (area.height - 1));
+      const auto vx = static_cast<float>(found.front().vx), vy = static_cast<float>(found.front().vy);
+      field.push_back({x, y, dt, x - dt * vx, y - dt * vy, 1});
     }
   }
-  SweepOptions sweep = options.sweep;
-  sweep.max_speed = options.refine.bounds.speed;
-  const auto velocities = sweep_velocities(points, positive, regions, plane, sweep, pool);
+  if (field.size() < 3) return std::nullopt;
+  MotionModel fitted = fit_correspondences(kind, field, frame);
+  for (int round = 0; round < 5; ++round) {
+    std::visit(
+        [&](const auto& m) {
+          const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
+          for (Correspondence& pair : field) {
+            const Vec2f at = warp(pair.x, pair.y, pair.dt);
+            const float error = std::hypot(at.x - pair.target_x, at.y - pair.target_y);
+            pair.weight = 1 / (1 + error * error / 4);  // Cauchy weights, 2 px
+          }
+        },
+        fitted);
+    fitted = fit_correspondences(kind, field, frame);
+  }
+  return fitted;
+}
 
-  const auto moving = [&](const VelocityScore& v) {
-    const double params[] = {v.vx, v.vy};
-    return convert_motion(make_motion(MotionKind::translation, params), kind, frame, plane);
-  };
+// Starts that bring about as many events together as the best does; best first.
+std::vector<MotionModel> promising(std::vector<MotionModel> starts, const PointView& points,
+                                   std::span<const std::uint8_t> positive, const WarpFrame& frame,
+                                   Region plane) {
+  constexpr std::size_t events = 4000;  // that tell starts apart
+  constexpr double share = 0.8;         // of the best's pairs
+  constexpr std::size_t most = 3;
+  constexpr double apart = 0.5;  // px; nearer starts lead to one end
+  std::vector<std::pair<double, std::size_t>> ranked;
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    ranked.push_back({count_coincidences(points, positive, starts[i], frame, plane, events), i});
+  }
+  std::stable_sort(ranked.begin(), ranked.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<MotionModel> kept;
+  for (const auto& [pairs, i] : ranked) {
+    if (kept.size() == most || pairs < share * ranked.front().first) break;
+    const bool new_one = std::all_of(kept.begin(), kept.end(), [&, start = i](const MotionModel& other) {
+      return motion_distance(starts[start], other, frame, points) > apart;
+    });
+    if (new_one) kept.push_back(starts[i]);
+  }
+  return kept;
+}
+
+}  // namespace
+
+FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
+                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool) {
+  const double max_speed = options.refine.bounds.speed;
   std::vector<MotionModel> starts{make_motion(kind)};
-  for (const VelocityScore& v : velocities[0]) starts.push_back(moving(v));
-
-  // The velocity field of the parts, least squares with the parts that disagree weighted down.
-  const float dt = points.size() ? std::max(1e-3f, 0.5f * (points.dt.back() - points.dt.front())) : 1e-3f;
-  std::vector<Correspondence> field;
-  for (std::size_t r = 1; r < regions.size(); ++r) {
-    if (velocities[r].empty()) continue;
-    const VelocityScore& v = velocities[r].front();
-    const auto x = static_cast<float>(regions[r].x0 + 0.5 * (regions[r].width - 1));
-    const auto y = static_cast<float>(regions[r].y0 + 0.5 * (regions[r].height - 1));
-    field.push_back({x, y, dt, x - dt * static_cast<float>(v.vx), y - dt * static_cast<float>(v.vy), 1});
+  for (const FoundVelocity& velocity : find_velocities(points, positive, plane, max_speed)) {
+    starts.push_back(moving(velocity, kind, frame, plane));
   }
-  if (field.size() >= 3 && dof_of(kind) > 2) {
-    MotionModel fitted = fit_correspondences(kind, field, frame);
-    for (int round = 0; round < 5; ++round) {
-      std::visit(
-          [&](const auto& m) {
-            const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
-            for (Correspondence& pair : field) {
-              const Vec2f at = warp(pair.x, pair.y, pair.dt);
-              const float error = std::hypot(at.x - pair.target_x, at.y - pair.target_y);
-              pair.weight = 1 / (1 + error * error / 4);  // Cauchy weights, 2 px
-            }
-          },
-          fitted);
-      fitted = fit_correspondences(kind, field, frame);
-    }
-    starts.push_back(fitted);
+  if (dof_of(kind) > 2 && points.size() > 0) {
+    if (const auto field = field_of_parts(points, positive, kind, frame, plane, max_speed))
+      starts.push_back(*field);
   }
+  starts = promising(std::move(starts), points, positive, frame, plane);
 
   std::vector<FitResult> results(starts.size());
   std::vector<ContrastWorkspace> workspaces(static_cast<std::size_t>(pool.worker_count()));

@@ -1,9 +1,12 @@
 #include "emseg/motion_model.hpp"
 
+#include <algorithm>
 #include <Eigen/Dense>
 #include <cassert>
 #include <stdexcept>
 #include <string>
+
+#include "warp_field.hpp"
 
 namespace emseg {
 
@@ -147,6 +150,11 @@ int dof_of(MotionKind kind) {
   return std::visit([](const auto& model) { return model.dof; }, still(kind));
 }
 
+MotionKind richest(std::span<const MotionKind> kinds) {
+  return *std::max_element(kinds.begin(), kinds.end(),
+                           [](MotionKind a, MotionKind b) { return dof_of(a) < dof_of(b); });
+}
+
 MotionKind motion_kind(std::string_view name) {
   std::string known;
   for (const MotionKind kind : all_kinds) {
@@ -288,16 +296,8 @@ Points make_points(const EventView& events, std::int64_t t_ref, const Undistorti
 void warp_points(const PointView& points, const MotionModel& model, const WarpFrame& frame,
                  std::span<float> x, std::span<float> y) {
   assert(x.size() == points.size() && y.size() == points.size());
-  std::visit(
-      [&](const auto& m) {
-        const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
-        for (std::size_t k = 0; k < points.size(); ++k) {
-          const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
-          x[k] = at.x;
-          y[k] = at.y;
-        }
-      },
-      model);
+  kernels().warp(warp_field(model, frame), points.x.data(), points.y.data(), points.dt.data(), points.size(),
+                 x.data(), y.data());
 }
 
 double motion_distance(const MotionModel& a, const MotionModel& b, const WarpFrame& frame,

@@ -7,6 +7,8 @@
 
 #include "emseg/alternation.hpp"
 #include "emseg/background.hpp"
+#include "emseg/label_extension.hpp"
+#include "emseg/sampling.hpp"
 #include "emseg/window.hpp"
 
 namespace emseg {
@@ -49,6 +51,38 @@ void require_finite(const std::vector<MotionModel>& models) {
   for (const MotionModel& model : models) make_motion(kind_of(model), params_of(model));
 }
 
+// The events of a window that motions and labels are found on: all of them, borrowed, or copies of some.
+class EventSample {
+ public:
+  EventSample(const EventView& events, const Points& points, std::span<const std::size_t> sampled)
+      : events_(events), points_(points.view()) {
+    if (sampled.size() == events.size()) return;
+    few_points_.reserve(sampled.size());
+    for (const std::size_t k : sampled) {
+      x_.push_back(events.x[k]);
+      y_.push_back(events.y[k]);
+      t_.push_back(events.t[k]);
+      p_.push_back(events.p[k]);
+      few_points_.push_back(points_, k);
+    }
+    events_ = {x_, y_, t_, p_};
+    points_ = few_points_.view();
+  }
+  EventSample(const EventSample&) = delete;
+  EventSample& operator=(const EventSample&) = delete;
+
+  const EventView& events() const { return events_; }
+  const PointView& points() const { return points_; }
+
+ private:
+  std::vector<std::uint16_t> x_, y_;
+  std::vector<std::int64_t> t_;
+  std::vector<std::uint8_t> p_;
+  Points few_points_;
+  EventView events_;
+  PointView points_;
+};
+
 // Images and cells are counted in ints, and a canvas has four times the sensor's pixels.
 constexpr int max_sensor_side = 8192;
 
@@ -76,6 +110,7 @@ void SegmenterOptions::check() const {
   require(num_iter_labeling >= 1 && num_iter_labeling <= 1000,
           "num_iter_labeling is " + std::to_string(num_iter_labeling) + ", expected 1..1000");
   gaussian_taps(sigma);
+  require(max_events >= 1, "max_events is 0, expected 1 or more");
 }
 
 Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options)
@@ -114,18 +149,23 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     return result;
   }
 
-  // Space-time graph, and events as points about t_ref.
-  const Points storage = make_points(events, result.t_ref, undistortion_ ? &*undistortion_ : nullptr);
-  const PointView points = storage.view();
-  const EventGraph graph = build_event_graph(events, size_);
+  // Events as points about t_ref, the sample of them that motions and labels are found on, and its space-time
+  // graph.
+  const Points all_points = make_points(events, result.t_ref, undistortion_ ? &*undistortion_ : nullptr);
+  const std::vector<std::size_t> sampled = even_sample(n, options_.max_events);
+  const EventSample sample(events, all_points, sampled);
+  const PointView points = sample.points();
+  const PixelGraph graph = build_pixel_graph(sample.events(), size_);
   clock.lap("graph");
 
   // Model pool.
   RefineOptions refine;
   refine.contrast = {ContrastMeasure::mean_square, options_.sigma};
   refine.bounds = options_.bounds;
-  const double label_cost = options_.lambda_label ? *options_.lambda_label
-                                                  : options_.lambda_label_per_event * static_cast<double>(n);
+  const auto share = static_cast<double>(sampled.size()) / static_cast<double>(n);
+  const double label_cost = share * (options_.lambda_label
+                                         ? *options_.lambda_label
+                                         : options_.lambda_label_per_event * static_cast<double>(n));
   std::vector<MotionModel> models = prior.pool;
   if (models.empty()) {
     PoolOptions pool;
@@ -139,7 +179,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.lambda_label = label_cost;
     pool.sigma = options_.sigma;
     pool.candidates = prior.candidates;
-    models = make_model_pool(points, events.p, frame_, plane_, pool, pool_);
+    models = make_model_pool(points, sample.events().p, frame_, plane_, pool, pool_);
   }
   clock.lap("model_pool");
 
@@ -154,6 +194,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   alternation_options.sigma = options_.sigma;
   alternation_options.iterations = options_.num_iter_segmentation;
   alternation_options.sweeps = options_.num_iter_labeling;
+  alternation_options.labelling = options_.labelling;
   Alternation alternation(points, graph, frame_, plane_, std::move(models), alternation_options, pool_,
                           expansion_workspace_, clock);
   alternation.run();
@@ -167,8 +208,15 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     alternation.add_free_model(Translation{});
   }
   order_labels(background, alternation.models(), alternation.labels(), result);
+  clock.lap("background");
+
+  // The labels of the others, and noise.
+  if (sampled.size() < n) {
+    result.labels = extend_labels(all_points.view(), sampled, result.labels, result.models, frame_, plane_,
+                                  gaussian_taps(options_.sigma));
+  }
   if (options_.mark_noise) {
-    const auto lonely = find_lonely_events(points, result.labels, result.models, frame_, plane_, 1);
+    const auto lonely = find_lonely_events(all_points.view(), result.labels, result.models, frame_, plane_, 1);
     for (std::size_t k = 0; k < n; ++k) {
       if (lonely[k]) result.labels[k] = noise_label;
     }
@@ -179,8 +227,9 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const double longest = static_cast<double>(window_options_.max_duration_us);
   const double duration_us = std::min(1e6 * seconds_between(events.t.front(), events.t.back()), longest);
   result.next_duration_us =
-      next_duration(std::llround(duration_us), typical_displacement(points, result), window_options_);
-  clock.lap("background");
+      next_duration(std::llround(duration_us), typical_displacement(all_points.view(), result), window_options_);
+  clock.lap("extension");
+  result.thinned = n - sampled.size();
   return result;
 }
 

@@ -7,145 +7,141 @@
 namespace emseg {
 namespace {
 
-// Events of a slice, thinned evenly.
-struct Slice {
-  std::vector<float> x, y, dt;
-  std::vector<std::uint8_t> positive;
-  double duration = 0;  // s
-};
+constexpr int tile_cells = 8;  // cells along a tile's side
+constexpr int cells_per_tile = tile_cells * tile_cells;
 
 // No more events than a 16-bit cell can count, should they all fall into one.
 constexpr std::size_t most_votes = 65535;
 
-Slice cut_slice(const PointView& points, std::span<const std::uint8_t> positive, double duration,
-                std::size_t max_events) {
-  const auto half = static_cast<float>(0.5 * duration);
-  const float middle = 0.5f * (points.dt.front() + points.dt.back());
-  const auto first = static_cast<std::size_t>(
-      std::lower_bound(points.dt.begin(), points.dt.end(), middle - half) - points.dt.begin());
-  const auto last = static_cast<std::size_t>(
-      std::upper_bound(points.dt.begin(), points.dt.end(), middle + half) - points.dt.begin());
-  const std::size_t count = last - first;
-  const std::size_t kept = std::min({count, max_events, most_votes});
-  Slice slice;
-  slice.duration = duration;
-  for (std::size_t i = 0; i < kept; ++i) {
-    const std::size_t k = first + i * count / kept;
-    slice.x.push_back(points.x[k]);
-    slice.y.push_back(points.y[k]);
-    slice.dt.push_back(points.dt[k] - middle);
-    slice.positive.push_back(positive[k]);
-  }
-  return slice;
-}
-
-// Scores of one velocity: per tile, coinciding votes beyond chance and votes.
-struct TileScores {
-  std::vector<float> excess;
-  std::vector<float> mass;
+// Sums of one velocity over a tile and one polarity.
+struct TileVotes {
+  std::uint32_t votes = 0;
+  std::uint32_t pairs = 0;  // of votes in one cell: sum I (I - 1) / 2
 };
 
+// Events of a slice of the window's middle, thinned evenly, in units of cells.
+struct Slice {
+  std::vector<float> u, v, dt;
+  std::vector<std::uint32_t> first_cell;  // of the plane of its polarity
+};
+
+// The image plane in cells, kept tile by tile: first all tiles of one polarity, then of the other, then one
+// for what leaves the image.
 class TileGrid {
  public:
-  TileGrid(Region plane, const SweepOptions& options)
-      : plane_(plane),
-        cell_(options.cell),
-        cells_per_tile_(std::max(1, static_cast<int>(std::lround(options.tile / options.cell)))) {
-    const double tile = cells_per_tile_ * cell_;
-    columns_ = static_cast<int>(std::ceil(plane.width / tile));
-    rows_ = static_cast<int>(std::ceil(plane.height / tile));
-    tile_ = tile;
+  TileGrid(Region plane, double cell) : plane_(plane), cell_(cell) {
+    columns_ = static_cast<int>(std::ceil(plane.width / tile()));
+    rows_ = static_cast<int>(std::ceil(plane.height / tile()));
   }
 
-  std::size_t tile_count() const {
-    return static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_);
-  }
   int columns() const { return columns_; }
   int rows() const { return rows_; }
-  double tile() const { return tile_; }
+  double tile() const { return tile_cells * cell_; }
+  int tile_count() const { return columns_ * rows_; }
 
-  // Two planes of cells, one for each polarity, and one spare cell for what leaves the image.
-  std::size_t cell_count() const { return 2 * plane_cells() + 1; }
+  // A worker's memory; cells are zero between scorings.
+  struct Workspace {
+    std::vector<std::uint16_t> cells;
+    std::vector<std::uint32_t> cell_of_event;
+    std::vector<TileVotes> tiles;
+    std::vector<double> excess, votes;  // summed-area tables, a row and a column of zeros first
+  };
 
-  void score(const Slice& slice, double vx, double vy, std::vector<std::uint16_t>& cells,
-             TileScores& scores) const {
-    std::fill(cells.begin(), cells.end(), std::uint16_t{0});
+  Slice cut_slice(const PointView& points, std::span<const std::uint8_t> positive, double duration,
+                  std::size_t max_events) const {
+    const auto half = static_cast<float>(0.5 * duration);
+    const float middle = 0.5f * (points.dt.front() + points.dt.back());
+    const auto first = static_cast<std::size_t>(
+        std::lower_bound(points.dt.begin(), points.dt.end(), middle - half) - points.dt.begin());
+    const auto last = static_cast<std::size_t>(
+        std::upper_bound(points.dt.begin(), points.dt.end(), middle + half) - points.dt.begin());
+    const std::size_t count = last - first;
+    const std::size_t kept = std::min({count, max_events, most_votes});
     const auto inverse_cell = static_cast<float>(1 / cell_);
-    const auto sx = static_cast<float>(vx / cell_), sy = static_cast<float>(vy / cell_);
     // Pixels, being whole numbers, lie half a pixel inside their cells.
     const float x0 = static_cast<float>(plane_.x0) - 0.5f, y0 = static_cast<float>(plane_.y0) - 0.5f;
-    const int width = columns_ * cells_per_tile_;
-    const int height = rows_ * cells_per_tile_;
-    const auto outside = static_cast<int>(2 * plane_cells());
-    const int plane_size = static_cast<int>(plane_cells());
-    for (std::size_t k = 0; k < slice.x.size(); ++k) {
-      const float u = (slice.x[k] - x0) * inverse_cell - slice.dt[k] * sx;
-      const float v = (slice.y[k] - y0) * inverse_cell - slice.dt[k] * sy;
-      const bool inside = u >= 0 && v >= 0 && u < static_cast<float>(width) && v < static_cast<float>(height);
-      const int index =
-          inside ? static_cast<int>(v) * width + static_cast<int>(u) + (slice.positive[k] ? plane_size : 0)
-                 : outside;
-      ++cells[static_cast<std::size_t>(index)];
+    Slice slice;
+    for (std::size_t i = 0; i < kept; ++i) {
+      const std::size_t k = first + i * count / kept;
+      slice.u.push_back((points.x[k] - x0) * inverse_cell);
+      slice.v.push_back((points.y[k] - y0) * inverse_cell);
+      slice.dt.push_back(points.dt[k] - middle);
+      slice.first_cell.push_back(positive[k] ? static_cast<std::uint32_t>(tile_count() * cells_per_tile) : 0);
     }
-    scores.excess.assign(tile_count(), 0);
-    scores.mass.assign(tile_count(), 0);
-    const float inverse_area = 1.0f / static_cast<float>(cells_per_tile_ * cells_per_tile_);
-    for (int polarity = 0; polarity < 2; ++polarity) {
-      const std::uint16_t* cell_plane = cells.data() + (polarity ? plane_cells() : 0);
-      for (int row = 0; row < rows_; ++row) {
-        for (int column = 0; column < columns_; ++column) {
-          std::uint32_t mass = 0;
-          std::uint64_t square = 0;
-          for (int j = 0; j < cells_per_tile_; ++j) {
-            const std::uint16_t* line =
-                cell_plane + (row * cells_per_tile_ + j) * width + column * cells_per_tile_;
-            std::uint32_t line_square = 0;
-            for (int i = 0; i < cells_per_tile_; ++i) {
-              mass += line[i];
-              line_square += static_cast<std::uint32_t>(line[i]) * line[i];
-            }
-            square += line_square;
-          }
-          const auto tile = static_cast<std::size_t>(row * columns_ + column);
-          const auto m = static_cast<float>(mass);
-          // sum I(I-1) less its expectation M^2/A for votes scattered at random
-          scores.excess[tile] += static_cast<float>(square) - m - m * m * inverse_area;
-          scores.mass[tile] += m;
-        }
+    return slice;
+  }
+
+  // Fills the workspace's tables with one velocity's (px/s) votes that coincide beyond chance, and all votes.
+  void score(const Slice& slice, double vx, double vy, Workspace& workspace) const {
+    const std::size_t n = slice.u.size();
+    workspace.cells.resize(static_cast<std::size_t>(2 * tile_count() + 1) * cells_per_tile, 0);
+    workspace.cell_of_event.resize(n);
+    workspace.tiles.assign(static_cast<std::size_t>(2 * tile_count() + 1), {});
+    const auto su = static_cast<float>(vx / cell_), sv = static_cast<float>(vy / cell_);
+    const auto width = static_cast<float>(columns_ * tile_cells);
+    const auto height = static_cast<float>(rows_ * tile_cells);
+    const auto outside = static_cast<std::uint32_t>(2 * tile_count() * cells_per_tile);
+    const auto columns = static_cast<std::uint32_t>(columns_);
+    const std::uint32_t* const first_cell = slice.first_cell.data();
+    const float *slice_u = slice.u.data(), *slice_v = slice.v.data(), *slice_dt = slice.dt.data();
+    std::uint32_t* const cell_of_event = workspace.cell_of_event.data();
+    for (std::size_t k = 0; k < n; ++k) {
+      const float u = slice_u[k] - slice_dt[k] * su;
+      const float v = slice_v[k] - slice_dt[k] * sv;
+      const bool inside = u >= 0 && v >= 0 && u < width && v < height;
+      // Through signed integers, which the processor converts to; unsigned ones divide by shifts.
+      const auto column = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? u : 0));
+      const auto row = static_cast<std::uint32_t>(static_cast<std::int32_t>(inside ? v : 0));
+      const std::uint32_t tile = row / tile_cells * columns + column / tile_cells;
+      const std::uint32_t cell =
+          tile * cells_per_tile + row % tile_cells * tile_cells + column % tile_cells;
+      cell_of_event[k] = inside ? cell + first_cell[k] : outside;
+    }
+    std::uint16_t* const cells = workspace.cells.data();
+    TileVotes* const tiles = workspace.tiles.data();
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::uint32_t cell = cell_of_event[k];
+      TileVotes& tile = tiles[cell / cells_per_tile];
+      tile.pairs += cells[cell]++;
+      ++tile.votes;
+    }
+    for (std::size_t k = 0; k < n; ++k) cells[cell_of_event[k]] = 0;  // fewer than there are cells
+    integrate(workspace);
+  }
+
+ private:
+  void integrate(Workspace& workspace) const {
+    const auto stride = static_cast<std::size_t>(columns_ + 1);
+    workspace.excess.resize(stride * static_cast<std::size_t>(rows_ + 1));
+    workspace.votes.resize(workspace.excess.size());
+    std::fill_n(workspace.excess.begin(), stride, 0.0);
+    std::fill_n(workspace.votes.begin(), stride, 0.0);
+    const TileVotes* negative = workspace.tiles.data();
+    const TileVotes* positive = negative + tile_count();
+    for (int row = 0; row < rows_; ++row) {
+      double excess = 0, votes = 0;  // of the row so far
+      const std::size_t first = static_cast<std::size_t>(row + 1) * stride;
+      workspace.excess[first] = workspace.votes[first] = 0;
+      for (int column = 0; column < columns_; ++column, ++negative, ++positive) {
+        // sum I(I-1) less its expectation M^2/A for votes scattered at random
+        const double m = negative->votes, p = positive->votes;
+        excess += 2.0 * negative->pairs + 2.0 * positive->pairs - (m * m + p * p) * (1.0 / cells_per_tile);
+        votes += m + p;
+        const std::size_t at = first + static_cast<std::size_t>(column) + 1;
+        workspace.excess[at] = workspace.excess[at - stride] + excess;
+        workspace.votes[at] = workspace.votes[at - stride] + votes;
       }
     }
   }
 
- private:
-  std::size_t plane_cells() const {
-    return tile_count() * static_cast<std::size_t>(cells_per_tile_) *
-           static_cast<std::size_t>(cells_per_tile_);
-  }
-
   Region plane_;
   double cell_;
-  int cells_per_tile_;
-  double tile_ = 0;
   int columns_ = 0, rows_ = 0;
 };
 
 // Doublings at the most: times, as floats, are not told apart over more, and velocities in steps still fit an
 // int. Windows this long end with a slice of their middle.
 constexpr int most_levels = 24;
-
-// Summed-area table of tile values.
-std::vector<double> integrate(const std::vector<float>& values, int columns, int rows) {
-  std::vector<double> sums(static_cast<std::size_t>((columns + 1) * (rows + 1)), 0.0);
-  for (int row = 0; row < rows; ++row) {
-    double line = 0;
-    for (int column = 0; column < columns; ++column) {
-      line += values[static_cast<std::size_t>(row * columns + column)];
-      sums[static_cast<std::size_t>((row + 1) * (columns + 1) + column + 1)] =
-          sums[static_cast<std::size_t>(row * (columns + 1) + column + 1)] + line;
-    }
-  }
-  return sums;
-}
 
 struct TileRect {
   int left, top, right, bottom;  // half-open, in tiles
@@ -174,7 +170,7 @@ std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   if (!(window > 0)) return best;
 
-  const TileGrid grid(plane, options);
+  const TileGrid grid(plane, options.cell);
   std::vector<TileRect> rects;
   for (const Region& region : regions) {
     const auto tile_of = [&](int pixel, int last) {
@@ -208,22 +204,18 @@ std::vector<std::vector<VelocityScore>> sweep_velocities(const PointView& points
     }
   }
 
-  std::vector<std::vector<std::uint16_t>> cells(static_cast<std::size_t>(pool.worker_count()),
-                                                std::vector<std::uint16_t>(grid.cell_count()));
-  std::vector<TileScores> scratch(static_cast<std::size_t>(pool.worker_count()));
+  std::vector<TileGrid::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
   for (int level = 0;; ++level, duration *= 2) {
-    const Slice slice = cut_slice(points, positive, duration, options.max_events);
+    const Slice slice = grid.cut_slice(points, positive, duration, options.max_events);
     const double step = options.step / duration;  // px/s
     // score[velocity][region]
     std::vector<std::vector<float>> score(trial.size(), std::vector<float>(regions.size()));
     pool.for_each(trial.size(), [&](std::size_t v, int worker) {
-      auto& tiles = scratch[static_cast<std::size_t>(worker)];
-      grid.score(slice, trial[v].i * step, trial[v].j * step, cells[static_cast<std::size_t>(worker)], tiles);
-      const auto excess = integrate(tiles.excess, grid.columns(), grid.rows());
-      const auto mass = integrate(tiles.mass, grid.columns(), grid.rows());
+      auto& workspace = workspaces[static_cast<std::size_t>(worker)];
+      grid.score(slice, trial[v].i * step, trial[v].j * step, workspace);
       for (std::size_t r = 0; r < rects.size(); ++r) {
-        const double events = sum_over(mass, grid.columns(), rects[r]);
-        score[v][r] = static_cast<float>(sum_over(excess, grid.columns(), rects[r]) / (events + 16));
+        const double votes = sum_over(workspace.votes, grid.columns(), rects[r]);
+        score[v][r] = static_cast<float>(sum_over(workspace.excess, grid.columns(), rects[r]) / (votes + 16));
       }
     });
 

@@ -106,8 +106,8 @@ TEST_CASE("sharpness is the blurred image where each event falls, though the ima
   const auto taps = gaussian_taps(1.3);
   const Scene scene =
       moving_dots({{Similarity{{150, 80, 0.5, -0.6}}, {6, 10, 30, 20}, 40, 8}}, frame, 0.06, 5);
-  SupportWorkspace workspace;
-  BlurWorkspace blur;
+  IweWorkspace workspace;
+  IweWorkspace iwe;
   // The true model, a wrong one, and one that throws most events off the canvas.
   for (const MotionModel& model :
        {MotionModel(Similarity{{150, 80, 0.5, -0.6}}), MotionModel(Translation{{-300, 90}}),
@@ -115,7 +115,7 @@ TEST_CASE("sharpness is the blurred image where each event falls, though the ima
     ModelSupport support;
     evaluate_support(scene.view(), model, frame, canvas, taps, workspace, support);
     Image image(canvas);
-    make_iwe(image, scene.view(), model, frame, taps, blur);
+    make_iwe(image, scene.view(), model, frame, taps, iwe);
     CHECK(support.peak == doctest::Approx(*std::max_element(image.pixels.begin(), image.pixels.end())));
     REQUIRE(support.sharpness.size() == scene.size());
     std::vector<float> x(scene.size()), y(scene.size());

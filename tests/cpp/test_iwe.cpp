@@ -136,7 +136,7 @@ TEST_CASE("the image of warped events is the blurred sum of votes at the warped 
   Image image(Region{-6, -4, 60, 44});
   const Region region = image.region;
   image.row(0)[0] = 100;  // what was there before goes
-  BlurWorkspace workspace;
+  IweWorkspace workspace;
   make_iwe(image, scene.view(), model, frame, gaussian_taps(0), workspace);
   for (int row = 0; row < region.height; ++row) {
     for (int column = 0; column < region.width; ++column) {
@@ -150,7 +150,7 @@ TEST_CASE("the image of warped events is the blurred sum of votes at the warped 
     }
   }
   Image blurred = image, made(region);
-  gaussian_blur(blurred, gaussian_taps(1.2), workspace);
+  gaussian_blur(blurred, gaussian_taps(1.2), workspace.blur);
   make_iwe(made, scene.view(), model, frame, gaussian_taps(1.2), workspace);
   CHECK(made.pixels == blurred.pixels);
 }

@@ -64,7 +64,7 @@ std::int64_t written_out_energy(const Segmentation& result, const EventColumns& 
   const WarpFrame frame = make_warp_frame(sensor);
   const Points points = make_points(events.view(), result.t_ref);
   const auto taps = gaussian_taps(options.sigma);
-  SupportWorkspace workspace;
+  IweWorkspace workspace;
   std::int64_t energy = 0;
   std::vector<std::int32_t> costs(events.size());
   for (std::size_t l = 0; l < result.models.size(); ++l) {

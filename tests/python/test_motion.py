@@ -13,7 +13,7 @@ from engine_and_reference import (
     reference_window,
     scattered_events,
 )
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import emseg
@@ -112,7 +112,7 @@ def test_contrast_and_its_gradient_are_the_references(kind, measure, seed):
     place = reference.warp(reference_model(model), window)
     smooth = (np.abs(place - np.rint(place)) > 1e-3).all(axis=1)
     events, window = events[smooth], window.select(smooth)
-    assert len(events) > 1000
+    assume(len(events) > 1000)  # along an axis that hardly moves, events stay on their pixels' kinks
 
     x, y, dt = points(events, 1_025_000, None)
     value, gradient = _core.contrast(

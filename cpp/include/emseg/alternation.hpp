@@ -6,13 +6,18 @@
 #include <utility>
 #include <vector>
 
+#include "emseg/band_expansion.hpp"
 #include "emseg/data_term.hpp"
-#include "emseg/event_graph.hpp"
-#include "emseg/expansion.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/stage_clock.hpp"
 
 namespace emseg {
+
+// How labels are found for given models.
+enum class Labelling {
+  bands,  // from coarse to fine (BandExpansion)
+  exact,  // expansion moves on all events at once
+};
 
 struct AlternationOptions {
   DataTerm term = DataTerm::logarithmic;
@@ -23,8 +28,10 @@ struct AlternationOptions {
   RefineOptions refine;
   double sigma = 1;         // blur of the data term's images, px
   int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
-  double tolerance = 1e-5;  // share of the energy: what falls less has stopped falling
+  double tolerance = 1e-3;  // share of the energy: what falls less has stopped falling
   int sweeps = 2;           // of expansion moves in each (NUM_ITER_LABELING)
+  Labelling labelling = Labelling::bands;
+  std::size_t max_refit_events = 6000;  // of a label's, evenly in time, that its motion is fitted to
 };
 
 // Labels and models of one window with their energy
@@ -35,7 +42,7 @@ struct AlternationOptions {
 class Alternation {
  public:
   // What is passed by reference must outlive the alternation.  There is at least one model and one point.
-  Alternation(const PointView& points, const EventGraph& graph, const WarpFrame& frame, Region plane,
+  Alternation(const PointView& points, const PixelGraph& graph, const WarpFrame& frame, Region plane,
               std::vector<MotionModel> models, const AlternationOptions& options, ThreadPool& pool,
               ExpansionWorkspace& expansion_workspace, StageClock& clock);
 
@@ -57,22 +64,24 @@ class Alternation {
   bool refit();
   bool members_changed(std::size_t label) const;
   void evaluate(const MotionModel& model, int worker, ModelSupport& support);
+  void evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const;
   double reference_with(std::size_t label, const ModelSupport& support) const;
-  std::int64_t data_cost_with(std::size_t label, const ModelSupport& support, double reference) const;
   std::int64_t data_cost() const;
-  void set_costs();
-  LabelingProblem labeling(std::span<const std::int32_t> unary) const;
+  void set_reference(double reference);
+  ExpansionResult exact_labels();
 
   const PointView points_;
-  const EventGraph& graph_;
+  const PixelGraph& graph_;
   const WarpFrame& frame_;
   const Region plane_;
   const AlternationOptions options_;
   ThreadPool& pool_;
   ExpansionWorkspace& expansion_workspace_;
+  BandExpansion bands_;
+  EventGraph event_graph_;  // for exact labels only
   StageClock& clock_;
   const std::vector<float> taps_;
-  std::vector<SupportWorkspace> support_workspaces_;
+  std::vector<IweWorkspace> support_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
 
   std::vector<MotionModel> models_;

@@ -30,9 +30,10 @@ struct ContrastResult {
 };
 
 struct ContrastWorkspace {
-  Image image;    // the blurred IWE of the last evaluation
-  Image adjoint;  // derivative of the value by each vote
-  BlurWorkspace blur;
+  IweWorkspace iwe;      // its cells hold the derivative of the value by each vote
+  LineFloats padded;     // one row of the blurred image, with zeros on either side
+  LineFloats rows;       // the blurred image, blurred once more along its rows
+  Image image, adjoint;  // of the gradient magnitude alone
 };
 
 // Contrast of the points' IWE over `region`.

@@ -28,15 +28,9 @@ struct ModelSupport {
   float peak = 0;                // largest pixel of the image
 };
 
-struct SupportWorkspace {
-  std::vector<float> x, y;  // warped positions
-  Image image;
-  BlurWorkspace blur;
-};
-
 // The image covers all warped events within `canvas`.
 void evaluate_support(const PointView& points, const MotionModel& model, const WarpFrame& frame,
-                      Region canvas, std::span<const float> taps, SupportWorkspace& workspace,
+                      Region canvas, std::span<const float> taps, IweWorkspace& workspace,
                       ModelSupport& support);
 
 // G_ref of a set of models.

@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "emseg/aligned.hpp"
+
 namespace emseg {
 
 // A rectangle of whole pixels: columns x0 .. x0+width-1, rows y0 .. y0+height-1.  It may reach beyond the
@@ -53,8 +55,8 @@ std::vector<float> gaussian_taps(double sigma);
 
 // Scratch of gaussian_blur.
 struct BlurWorkspace {
-  std::vector<float> rows;    // the image after the first pass
-  std::vector<float> padded;  // one row with zeros on either side
+  LineFloats padded;  // one row with zeros on either side
+  LineFloats rows;    // the last rows after the first pass, as many as the taps of the second reach
 };
 
 // Separable Gaussian blur in place, zero outside the image.  The operator is its own adjoint.

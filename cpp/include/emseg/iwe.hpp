@@ -3,6 +3,7 @@
 
 #include "emseg/image.hpp"
 #include "emseg/motion_model.hpp"
+#include "emseg/vote_grid.hpp"
 
 namespace emseg {
 
@@ -83,19 +84,23 @@ inline float bilinear_value(const Image& image, float x, float y) {
   return bilinear_sample(image, x, y).value;
 }
 
-// Votes of all points under one bound warp; the image is added to, not cleared.
-template <typename Warp>
-void vote(Image& image, const PointView& points, const Warp& warp) {
-  const std::size_t n = points.size();
-  for (std::size_t k = 0; k < n; ++k) {
-    const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
-    bilinear_vote(image, at.x, at.y);
-  }
-}
+// Scratch of what follows; keeps its memory from one image to the next.
+struct IweWorkspace {
+  VoteGrid grid;
+  VotePlaces places;
+  BlurWorkspace blur;
+  std::vector<float> x, y;  // warped places
+  LineFloats cells;         // the blurred image with a border
+};
 
 // The blurred IWE of all points under a model, over image.region.
 void make_iwe(Image& image, const PointView& points, const MotionModel& model, const WarpFrame& frame,
-              std::span<const float> taps, BlurWorkspace& workspace);
+              std::span<const float> taps, IweWorkspace& workspace);
+
+// The value of the blurred IWE at each point's own place, without the image: its peak is returned.  Votes and
+// values outside `canvas` count as zero.
+float sample_iwe(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
+                 std::span<const float> taps, IweWorkspace& workspace, std::span<float> values);
 
 // Region of the whole sensor.
 inline Region sensor_region(ImageSize size) { return {0, 0, size.width, size.height}; }

@@ -5,6 +5,7 @@
 
 #include "emseg/data_term.hpp"
 #include "emseg/motion_fit.hpp"
+#include "emseg/velocity_sweep.hpp"
 
 namespace emseg {
 
@@ -22,7 +23,9 @@ struct PoolOptions {
   int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
   double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
-  int max_rounds = 4;                   // of refitting and choosing again
+  std::size_t max_events = 16000;       // used of a window
+  std::size_t max_refit_events = 2000;  // used of a model's
+  int max_rounds = 2;                   // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
 };
 

@@ -2,9 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
-#include "emseg/data_term.hpp"
+#include "emseg/motion_model.hpp"
 
 namespace emseg {
 
@@ -22,18 +23,20 @@ struct BlockGrid {
 BlockGrid make_block_grid(const PointView& points, Region plane, int block);
 
 // Cost of explaining each block's events by one model, with half of each neighbour's added: what is next to
-// a motion tends to share it, as the Potts term will say later.
-std::vector<float> block_costs(const BlockGrid& grid, const ModelSupport& support, DataTerm term,
-                               double reference, double lambda_data);
+// a motion tends to share it, as the Potts term will say later.  A mean, so that costs stay those of a block's
+// worth of events.  `cost_of` gives an event's cost by its `sharpness`.
+std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std::uint16_t> sharpness,
+                                      std::span<const std::uint8_t> cost_of);
 
 struct Selection {
   std::vector<std::size_t> chosen;     // candidates, in the order of their choice
   std::vector<std::int32_t> of_block;  // index into `chosen`; the cheapest for each block
-  double cost = 0;
+  std::int64_t cost = 0;
 };
 
 // Minimises sum_b min_{m chosen} costs[m][b] + label_cost |chosen| by adding, dropping and swapping
 // candidates as long as that pays.  At least one is chosen.
-Selection select_models(const std::vector<std::vector<float>>& costs, double label_cost);
+// Each candidate's costs are >= 0 and add up to less than 2^31.
+Selection select_models(const std::vector<std::vector<std::int32_t>>& costs, std::int64_t label_cost);
 
 }  // namespace emseg

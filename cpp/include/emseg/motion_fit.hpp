@@ -3,7 +3,6 @@
 
 #include "emseg/contrast.hpp"
 #include "emseg/parallel.hpp"
-#include "emseg/velocity_sweep.hpp"
 
 namespace emseg {
 
@@ -33,21 +32,21 @@ struct FitResult {
   int evaluations = 0;
 };
 
-// Climbs from `start` by BFGS with a backtracking line search, in units of 1 px of root-mean-square
-// displacement a parameter, and returns the best model it met.
+// Climbs from `start` by BFGS with a backtracking line search, in parameters in which a step's length is the
+// root-mean-square displacement it makes, and returns the best model it met.
 FitResult refine_motion(const PointView& points, const MotionModel& start, const WarpFrame& frame,
                         Region region, const RefineOptions& options, ContrastWorkspace& workspace);
 
 struct FitOptions {
   RefineOptions refine;
-  SweepOptions sweep;
 };
 
 // Where to evaluate a fit that starts from `start`: around the warped events, with room to move.
 Region fit_region(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region plane);
 
-// The model of this kind with the highest contrast over `plane`: starts from the best velocities of the
-// whole region and from the velocity field of its parts, and refines each.  `points` are sorted by dt.
+// The model of this kind with the highest contrast over `plane`: starts from velocities at which events
+// reappear and from the velocity field of the plane's parts, and refines the most promising.  `points` are
+// sorted by dt.
 FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
                      const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool);
 

@@ -188,6 +188,9 @@ enum class MotionKind { translation, rotation, similarity, affine, homography };
 inline MotionKind kind_of(const MotionModel& model) { return static_cast<MotionKind>(model.index()); }
 std::string_view name_of(MotionKind kind);
 int dof_of(MotionKind kind);
+
+// The kind with most parameters; of the others, translation and similarity are special cases of it.
+MotionKind richest(std::span<const MotionKind> kinds);
 // Throws std::invalid_argument that lists the known names.
 MotionKind motion_kind(std::string_view name);
 

@@ -6,9 +6,8 @@
 #include <vector>
 
 #include "emseg/adaptive_window.hpp"
+#include "emseg/alternation.hpp"
 #include "emseg/camera.hpp"
-#include "emseg/event_graph.hpp"
-#include "emseg/expansion.hpp"
 #include "emseg/model_pool.hpp"
 #include "emseg/stage_clock.hpp"
 
@@ -25,7 +24,11 @@ struct SegmenterOptions {
   std::vector<MotionKind> kinds{MotionKind::translation, MotionKind::similarity};  // HybridModelCombination
   int num_iter_segmentation = 5;                                                   // alternations at the most
   int num_iter_labeling = 2;                                                       // expansion sweeps of each
-  double sigma = 1;        // blur of the images of warped events, px
+  Labelling labelling = Labelling::bands;
+  double sigma = 1;  // blur of the images of warped events, px
+  // Events of a window that motions and labels are found on; the others are given the labels of these.
+  std::size_t max_events = 60'000;
+  static constexpr std::size_t all_events = static_cast<std::size_t>(-1);
   bool mark_noise = true;  // label -1 for events that no other event of their motion is near
   int threads = 0;         // workers; 0: one per core
 
@@ -44,6 +47,7 @@ struct Segmentation {
   double reference_sharpness = 0;  // G_ref of the data term, fixed for the window
   std::int64_t next_duration_us =
       0;  // that a window after this one should have, by the motion found in this one
+  std::size_t thinned = 0;  // events that were not among those that motions and labels were found on
   StageTimes timings;
 };
 

@@ -18,13 +18,12 @@ namespace emseg {
 
 struct SweepOptions {
   double max_speed = 5000;        // largest speed searched, px/s (Affine_trans2d_max)
-  double cell = 2;                // side of the cells that count votes, px
-  int tile = 16;                  // side of the tiles that scores are added up in, px
+  double cell = 2;                // side of the cells that count votes, px; scores are added up in tiles of 8 x 8 of them
   double step = 3.75;             // distance between neighbouring velocities over a slice, px
   double first_reach = 30;        // displacement of max_speed over the first slice, px
-  std::size_t max_events = 8000;  // events used of a slice
-  std::size_t max_branches = 40;  // velocities refined at each level
-  std::size_t per_region = 2;     // velocities kept of each sub-volume
+  std::size_t max_events = 4000;  // events used of a slice
+  std::size_t max_branches = 24;  // velocities refined at each level
+  std::size_t per_region = 1;     // velocities kept of each sub-volume
 };
 
 struct VelocityScore {

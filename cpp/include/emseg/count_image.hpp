@@ -1,0 +1,33 @@
+// Images of warped events for the search: whole votes in 16-bit cells, smoothed by a binomial.  They cost a
+// fraction of the exact ones (iwe.hpp) and rank candidates alike.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "emseg/iwe.hpp"
+
+namespace emseg {
+
+// Values of a count image per coinciding event, far from others.
+constexpr int counts_per_event = 16;
+// One more than the largest value: votes of a cell are counted up to 255.
+constexpr int count_levels = 255 * counts_per_event + 1;
+
+// Scratch of count_sharpness, kept from call to call.
+struct CountWorkspace {
+  std::vector<float> x, y;            // warped positions
+  std::vector<std::int32_t> cell;     // of every point, in the padded image
+  std::vector<std::uint16_t> votes;   // the image, padded by the binomial's radius
+  std::vector<std::uint16_t> column;  // one row after the vertical pass
+  std::vector<std::uint16_t> smooth;  // the smoothed image
+};
+
+// For every point the smoothed count at its warped place: votes of the nearest pixels under the weights
+// (1 4 6 4 1)/16 each way, which stand for a blur of sigma 1 px, in units of 1/counts_per_event of an event.
+// Points warped off `canvas` get 0.
+void count_sharpness(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
+                     CountWorkspace& workspace, std::span<std::uint16_t> sharpness);
+
+}  // namespace emseg

@@ -1,0 +1,481 @@
+#include "emseg/band_expansion.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "expansion_moves.hpp"
+#include "pixel_blocks.hpp"
+#include "window_labeling.hpp"
+
+namespace emseg {
+namespace {
+
+// A labelling problem over nodes that stand for groups of events, while all other events keep their labels:
+// edges to those are part of the data costs, and labels that they use cost nothing.
+template <typename Cost>
+struct Part {
+  std::vector<Cost> unary;  // nodes * labels
+  std::vector<std::int64_t> indptr;
+  std::vector<std::int32_t> indices;
+  std::vector<Cost> weight;  // edges, or one for all
+  std::vector<std::int64_t> label_cost;
+  std::vector<std::int32_t> labels;  // nodes
+
+  BasicLabelingProblem<Cost> view() const {
+    return {static_cast<std::int32_t>(label_cost.size()), unary, indptr, indices, weight, label_cost};
+  }
+};
+
+// Edges {u, v} by their ends u, in compressed rows.
+template <typename Cost>
+void set_rows(std::span<const std::pair<std::int32_t, std::int32_t>> edges, Part<Cost>& part) {
+  part.indptr.assign(part.labels.size() + 2,
+                     0);  // filled one place late, so that scattering leaves the starts
+  for (const auto& [u, v] : edges) ++part.indptr[u + 2];
+  for (std::size_t k = 2; k < part.indptr.size(); ++k) part.indptr[k] += part.indptr[k - 1];
+  part.indices.resize(edges.size());
+  for (const auto& [u, v] : edges) part.indices[part.indptr[u + 1]++] = v;
+  part.indptr.pop_back();
+}
+
+void require_at_least(const char* name, double value, double least) {
+  if (!(value >= least)) {
+    throw std::invalid_argument(std::string(name) + " is " + std::to_string(value) + ", expected at least " +
+                                std::to_string(static_cast<int>(least)));
+  }
+}
+
+const BandOptions& checked(const BandOptions& options) {
+  require_at_least("block_side", options.block_side, 1);
+  require_at_least("hops", options.hops, 1);
+  require_at_least("max_sweeps", options.max_sweeps, 0);
+  require_at_least("max_bands", options.max_bands, 0);
+  require_at_least("lenient_smoothness", options.lenient_smoothness, 0);
+  return options;
+}
+
+}  // namespace
+
+class BandExpansion::Levels {
+ public:
+  Levels(const PixelGraph& graph, ExpansionWorkspace& workspace, const BandOptions& options)
+      : graph_(graph),
+        workspace_(workspace),
+        options_(checked(options)),
+        blocks_(make_pixel_blocks(graph, options_.block_side)),
+        node_(graph.pixels.size(), kFixed) {}
+
+  ExpansionResult checked_minimise(const WindowLabeling& problem, std::span<const std::int32_t> initial) {
+    const std::int64_t widest = check_window_labeling(graph_, problem);
+    if (!initial.empty()) check_window_labels(graph_, problem, initial);
+    return widest <= std::numeric_limits<std::int32_t>::max() ? minimise<std::int32_t>(problem, initial)
+                                                              : minimise<std::int64_t>(problem, initial);
+  }
+
+ private:
+  template <typename Cost>
+  ExpansionResult minimise(const WindowLabeling& problem, std::span<const std::int32_t> initial);
+  template <typename Cost>
+  Part<Cost> block_problem(const WindowLabeling& problem) const;
+  template <typename Cost>
+  void set_block_weights(const WindowLabeling& problem, double share, Part<Cost>& part) const;
+  std::vector<std::int32_t> block_majorities(std::span<const std::int32_t> labels, std::size_t count) const;
+  void begin_labels(std::span<const std::int32_t> block_label);
+  void begin_labels_from(std::span<const std::int32_t> initial);
+  void mark_block_rims(std::span<const std::int32_t> block_label, std::vector<std::uint8_t>& marked) const;
+  void band_of_blocks(const std::vector<std::uint8_t>& marked);
+  void band_of_boundaries();
+  bool band_of_changes();
+  void widen_band(int hops);
+  template <typename Cost>
+  std::int64_t solve(Part<Cost>& part);
+  template <typename Cost>
+  std::int64_t solve_pixels(const WindowLabeling& problem);
+  template <typename Cost>
+  std::int64_t solve_events(const WindowLabeling& problem);
+  template <typename Cost>
+  void set_label_costs(const WindowLabeling& problem, Part<Cost>& part) const;
+  bool is_boundary(std::int32_t pixel) const;
+
+  static constexpr std::int32_t kFixed = -1;  // no node of the part
+  static constexpr std::int32_t kMixed = -1;  // no one label
+
+  const PixelGraph& graph_;
+  ExpansionWorkspace& workspace_;
+  const BandOptions options_;
+  const PixelBlocks blocks_;
+
+  std::vector<std::int32_t> candidates_;   // labels that take part below the blocks
+  std::vector<std::int32_t> labels_;       // events: positions in candidates_
+  std::vector<std::int32_t> pixel_label_;  // that all events of a pixel have, or kMixed
+  std::vector<std::int64_t> used_;         // per candidate: its events
+  std::vector<std::int32_t> node_;         // per pixel: its first node in the part, or kFixed
+  std::vector<std::int32_t> band_;         // pixels of the part, ascending
+  std::vector<std::int32_t> changed_;      // pixels of the band that the last part changed
+};
+
+// ---- blocks
+
+template <typename Cost>
+Part<Cost> BandExpansion::Levels::block_problem(const WindowLabeling& problem) const {
+  const std::size_t label_count = problem.label_count();
+  const auto block_count = static_cast<std::size_t>(blocks_.count);
+  Part<Cost> part;
+  part.unary.resize(block_count * label_count);
+  std::vector<Cost> sum(block_count);
+  for (std::size_t l = 0; l < label_count; ++l) {
+    std::fill(sum.begin(), sum.end(), 0);
+    const std::span<const std::int32_t> costs = problem.unary[l];
+    for (std::size_t k = 0; k < costs.size(); ++k) sum[blocks_.of_event[k]] += costs[k];
+    for (std::size_t b = 0; b < block_count; ++b) part.unary[b * label_count + l] = sum[b];
+    part.label_cost.push_back(problem.cost_of_label(l));
+  }
+  part.indptr = blocks_.indptr;
+  part.indices = blocks_.indices;
+  return part;
+}
+
+template <typename Cost>
+void BandExpansion::Levels::set_block_weights(const WindowLabeling& problem, double share,
+                                              Part<Cost>& part) const {
+  part.weight.resize(part.indices.size());
+  const double unit = share * problem.smooth_cost;
+  for (std::size_t e = 0; e < part.weight.size(); ++e) {
+    part.weight[e] = static_cast<Cost>(unit * blocks_.edge_count[e]);
+  }
+}
+
+// The label of most events of each block; of equals, the first.
+std::vector<std::int32_t> BandExpansion::Levels::block_majorities(std::span<const std::int32_t> labels,
+                                                                  std::size_t count) const {
+  std::vector<std::int32_t> votes(static_cast<std::size_t>(blocks_.count) * count, 0);
+  for (std::size_t k = 0; k < labels.size(); ++k) ++votes[blocks_.of_event[k] * count + labels[k]];
+  std::vector<std::int32_t> majority(blocks_.count);
+  for (std::size_t b = 0; b < majority.size(); ++b) {
+    const auto row = votes.begin() + static_cast<std::ptrdiff_t>(b * count);
+    majority[b] =
+        static_cast<std::int32_t>(std::max_element(row, row + static_cast<std::ptrdiff_t>(count)) - row);
+  }
+  return majority;
+}
+
+void BandExpansion::Levels::mark_block_rims(std::span<const std::int32_t> block_label,
+                                            std::vector<std::uint8_t>& marked) const {
+  for (std::int32_t b = 0; b < blocks_.count; ++b) {
+    for (std::int64_t e = blocks_.indptr[b]; e < blocks_.indptr[b + 1]; ++e) {
+      const std::int32_t c = blocks_.indices[e];
+      if (block_label[b] != block_label[c]) marked[b] = marked[c] = 1;
+    }
+  }
+}
+
+// ---- labels and bands
+
+void BandExpansion::Levels::begin_labels(std::span<const std::int32_t> block_label) {
+  pixel_label_.resize(graph_.pixels.size());
+  labels_.resize(graph_.event_count());
+  for (std::size_t p = 0; p < pixel_label_.size(); ++p) pixel_label_[p] = block_label[blocks_.of_pixel[p]];
+  for (std::size_t k = 0; k < labels_.size(); ++k) labels_[k] = block_label[blocks_.of_event[k]];
+}
+
+void BandExpansion::Levels::begin_labels_from(std::span<const std::int32_t> initial) {
+  labels_.assign(initial.begin(), initial.end());
+  pixel_label_.resize(graph_.pixels.size());
+  for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
+    const auto own = graph_.events_of(p);
+    const std::int32_t label = labels_[own.front()];
+    const bool uniform =
+        std::all_of(own.begin(), own.end(), [&](std::int32_t k) { return labels_[k] == label; });
+    pixel_label_[p] = uniform ? label : kMixed;
+  }
+}
+
+void BandExpansion::Levels::band_of_blocks(const std::vector<std::uint8_t>& marked) {
+  band_.clear();
+  for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
+    if (marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
+  }
+}
+
+bool BandExpansion::Levels::is_boundary(std::int32_t pixel) const {
+  const std::int32_t label = pixel_label_[pixel];
+  if (label == kMixed) return true;
+  const auto neighbours = graph_.neighbours_of(pixel);
+  return std::any_of(neighbours.begin(), neighbours.end(),
+                     [&](std::int32_t q) { return pixel_label_[q] != label; });
+}
+
+void BandExpansion::Levels::band_of_boundaries() {
+  band_.clear();
+  for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
+    if (is_boundary(p)) band_.push_back(p);
+  }
+  widen_band(options_.hops - 1);
+}
+
+// Around what the last part changed at the end of its band; false if it changed nothing there.
+bool BandExpansion::Levels::band_of_changes() {
+  std::vector<std::uint8_t> inside(graph_.pixels.size(), 0);
+  for (const std::int32_t p : band_) inside[p] = 1;
+  band_.clear();
+  for (const std::int32_t p : changed_) {
+    const auto neighbours = graph_.neighbours_of(p);
+    if (std::any_of(neighbours.begin(), neighbours.end(), [&](std::int32_t q) { return inside[q] == 0; })) {
+      band_.push_back(p);
+    }
+  }
+  widen_band(options_.hops);
+  return !band_.empty();
+}
+
+void BandExpansion::Levels::widen_band(int hops) {
+  std::vector<std::uint8_t> inside(graph_.pixels.size(), 0);
+  for (const std::int32_t p : band_) inside[p] = 1;
+  std::size_t next = 0;
+  for (int hop = 0; hop < hops; ++hop) {
+    for (const std::size_t end = band_.size(); next < end; ++next) {
+      for (const std::int32_t q : graph_.neighbours_of(band_[next])) {
+        if (std::exchange(inside[q], 1) == 0) band_.push_back(q);
+      }
+    }
+  }
+  std::sort(band_.begin(), band_.end());
+}
+
+// ---- parts
+
+template <typename Cost>
+std::int64_t BandExpansion::Levels::solve(Part<Cost>& part) {
+  std::int64_t gain = 0;
+  for (const std::int64_t of_sweep :
+       expand_in_turn(part.view(), options_.max_sweeps, workspace_.moves().of<Cost>(), part.labels)) {
+    gain += of_sweep;
+  }
+  return gain;
+}
+
+// used_ counts the events outside the part.
+template <typename Cost>
+void BandExpansion::Levels::set_label_costs(const WindowLabeling& problem, Part<Cost>& part) const {
+  for (std::size_t l = 0; l < candidates_.size(); ++l) {
+    part.label_cost.push_back(used_[l] > 0 ? 0
+                                           : problem.cost_of_label(static_cast<std::size_t>(candidates_[l])));
+  }
+}
+
+// Every pixel of the band is a node; there are no mixed pixels.
+template <typename Cost>
+std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) {
+  const std::size_t label_count = candidates_.size();
+  Part<Cost> part;
+  part.unary.resize(band_.size() * label_count);
+  for (std::size_t v = 0; v < band_.size(); ++v) node_[band_[v]] = static_cast<std::int32_t>(v);
+  part.indptr.push_back(0);
+  for (std::size_t v = 0; v < band_.size(); ++v) {
+    const std::int32_t p = band_[v];
+    const auto own = graph_.events_of(p);
+    part.labels.push_back(pixel_label_[p]);
+    used_[pixel_label_[p]] -= static_cast<std::int64_t>(own.size());
+    Cost* row = part.unary.data() + v * label_count;
+    for (std::size_t l = 0; l < label_count; ++l) {
+      const std::span<const std::int32_t> costs = problem.unary[candidates_[l]];
+      for (const std::int32_t k : own) row[l] += costs[k];
+    }
+    for (const std::int32_t q : graph_.neighbours_of(p)) {
+      if (node_[q] != kFixed && q < p) continue;
+      const Cost weight =
+          static_cast<Cost>(problem.smooth_cost) * count_event_edges(own, graph_.events_of(q));
+      if (node_[q] == kFixed) {
+        row[pixel_label_[q]] -= weight;
+      } else {
+        part.indices.push_back(node_[q]);
+        part.weight.push_back(weight);
+      }
+    }
+    part.indptr.push_back(static_cast<std::int64_t>(part.indices.size()));
+  }
+  set_label_costs(problem, part);
+  const std::int64_t gain = solve(part);
+
+  changed_.clear();
+  for (std::size_t v = 0; v < band_.size(); ++v) {
+    const std::int32_t p = band_[v];
+    const auto own = graph_.events_of(p);
+    node_[p] = kFixed;
+    used_[part.labels[v]] += static_cast<std::int64_t>(own.size());
+    if (pixel_label_[p] == part.labels[v]) continue;
+    changed_.push_back(p);
+    pixel_label_[p] = part.labels[v];
+    for (const std::int32_t k : own) labels_[k] = part.labels[v];
+  }
+  return gain;
+}
+
+// Every event of the band is a node.
+template <typename Cost>
+std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) {
+  const std::size_t label_count = candidates_.size();
+  std::int32_t count = 0;
+  for (const std::int32_t p : band_) {
+    node_[p] = count;
+    count += static_cast<std::int32_t>(graph_.events_of(p).size());
+  }
+  Part<Cost> part;
+  part.unary.resize(static_cast<std::size_t>(count) * label_count);
+  part.labels.reserve(count);
+  part.weight.assign(1, problem.smooth_cost);
+  std::vector<std::pair<std::int32_t, std::int32_t>> edges;
+  for (const std::int32_t p : band_) {
+    const auto own = graph_.events_of(p);
+    const std::int32_t first = node_[p];
+    Cost* rows = part.unary.data() + static_cast<std::size_t>(first) * label_count;
+    for (std::size_t i = 0; i < own.size(); ++i) {
+      const std::int32_t k = own[i];
+      part.labels.push_back(labels_[k]);
+      --used_[labels_[k]];
+      if (i > 0) edges.emplace_back(first + i - 1, first + i);
+    }
+    for (std::size_t l = 0; l < label_count; ++l) {
+      const std::span<const std::int32_t> costs = problem.unary[candidates_[l]];
+      for (std::size_t i = 0; i < own.size(); ++i) rows[i * label_count + l] += costs[own[i]];
+    }
+    for (const std::int32_t q : graph_.neighbours_of(p)) {
+      const auto other = graph_.events_of(q);
+      if (node_[q] == kFixed) {
+        visit_event_edges(own, other, [&](std::size_t i, std::size_t j) {
+          rows[i * label_count + labels_[other[j]]] -= problem.smooth_cost;
+        });
+      } else if (q > p) {
+        visit_event_edges(own, other,
+                          [&](std::size_t i, std::size_t j) { edges.emplace_back(first + i, node_[q] + j); });
+      }
+    }
+  }
+  set_rows(edges, part);
+  set_label_costs(problem, part);
+  const std::int64_t gain = solve(part);
+
+  changed_.clear();
+  for (const std::int32_t p : band_) {
+    const auto own = graph_.events_of(p);
+    const auto found = part.labels.begin() + std::exchange(node_[p], kFixed);
+    bool changed = false;
+    bool uniform = true;
+    for (std::size_t i = 0; i < own.size(); ++i) {
+      const std::int32_t label = found[static_cast<std::ptrdiff_t>(i)];
+      ++used_[label];
+      changed |= std::exchange(labels_[own[i]], label) != label;
+      uniform &= label == *found;
+    }
+    pixel_label_[p] = uniform ? *found : kMixed;
+    if (changed) changed_.push_back(p);
+  }
+  return gain;
+}
+
+// ---- all levels
+
+template <typename Cost>
+ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
+                                                std::span<const std::int32_t> initial) {
+  const std::size_t label_count = problem.label_count();
+  const bool cold = initial.empty();
+  Part<Cost> part = block_problem<Cost>(problem);
+  set_block_weights(problem, options_.lenient_smoothness, part);
+  std::vector<std::int32_t> before;
+  if (cold) {
+    part.labels.resize(blocks_.count);
+    for (std::size_t b = 0; b < part.labels.size(); ++b) {
+      const auto row = part.unary.begin() + static_cast<std::ptrdiff_t>(b * label_count);
+      part.labels[b] = static_cast<std::int32_t>(
+          std::min_element(row, row + static_cast<std::ptrdiff_t>(label_count)) - row);
+    }
+    solve(part);
+    before = part.labels;
+    set_block_weights(problem, 1, part);
+    solve(part);
+  } else {
+    before = block_majorities(initial, label_count);
+    part.labels = before;
+    solve(part);
+  }
+
+  // Only labels that some block or event has go on.
+  candidates_.clear();
+  std::vector<std::int32_t> position(label_count, -1);
+  for (const std::span<const std::int32_t> some :
+       {std::span<const std::int32_t>(before), std::span<const std::int32_t>(part.labels), initial}) {
+    for (const std::int32_t label : some) position[label] = 0;
+  }
+  for (std::size_t l = 0; l < label_count; ++l) {
+    if (position[l] != 0) continue;
+    position[l] = static_cast<std::int32_t>(candidates_.size());
+    candidates_.push_back(static_cast<std::int32_t>(l));
+  }
+  const auto to_positions = [&](std::span<const std::int32_t> labels) {
+    std::vector<std::int32_t> result(labels.size());
+    for (std::size_t k = 0; k < labels.size(); ++k) result[k] = position[labels[k]];
+    return result;
+  };
+
+  std::vector<std::uint8_t> marked(blocks_.count, 0);  // where finer levels look
+  for (std::size_t b = 0; b < marked.size(); ++b) marked[b] = before[b] != part.labels[b] ? 1 : 0;
+  if (cold) {
+    begin_labels(to_positions(part.labels));
+  } else {
+    begin_labels_from(to_positions(initial));
+  }
+  used_.assign(candidates_.size(), 0);
+  for (const std::int32_t label : labels_) ++used_[label];
+  const auto original = [&] {
+    std::vector<std::int32_t> result(labels_.size());
+    for (std::size_t k = 0; k < labels_.size(); ++k) result[k] = candidates_[labels_[k]];
+    return result;
+  };
+  ExpansionResult result;
+  result.energy = evaluate_window(graph_, problem, original());
+  result.energy_trace.push_back(result.energy);
+
+  if (cold) {
+    mark_block_rims(before, marked);
+    mark_block_rims(part.labels, marked);
+    band_of_blocks(marked);
+    result.energy -= solve_pixels<Cost>(problem);
+    band_of_boundaries();
+  } else {
+    band_of_boundaries();
+    std::vector<std::uint8_t> inside(graph_.pixels.size(), 0);
+    for (const std::int32_t p : band_) inside[p] = 1;
+    for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
+      if (inside[p] == 0 && marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
+    }
+    std::sort(band_.begin(), band_.end());
+  }
+  for (int k = 0; k < options_.max_bands && !band_.empty(); ++k) {
+    result.energy -= solve_events<Cost>(problem);
+    if (!band_of_changes()) break;
+  }
+  result.labels = original();
+  result.energy_trace.push_back(result.energy);
+  assert(result.energy == evaluate_window(graph_, problem, result.labels));
+  return result;
+}
+
+BandExpansion::BandExpansion(const PixelGraph& graph, ExpansionWorkspace& workspace,
+                             const BandOptions& options)
+    : levels_(std::make_unique<Levels>(graph, workspace, options)) {}
+BandExpansion::~BandExpansion() = default;
+BandExpansion::BandExpansion(BandExpansion&&) noexcept = default;
+BandExpansion& BandExpansion::operator=(BandExpansion&&) noexcept = default;
+
+ExpansionResult BandExpansion::minimise(const WindowLabeling& problem,
+                                        std::span<const std::int32_t> initial) {
+  return levels_->checked_minimise(problem, initial);
+}
+
+}  // namespace emseg

@@ -1,0 +1,23 @@
+#include "kernels/kernels.hpp"
+
+namespace emseg::EMSEG_SIMD_LEVEL {
+
+extern const KernelTable table;
+const KernelTable table{
+    .warp = warp,
+    .locate = locate,
+    .scatter = scatter,
+    .fold = fold,
+    .sample_values = sample_values,
+    .sample_slopes = sample_slopes,
+    .add_gradient = add_gradient,
+    .filter_row = filter_row,
+    .filter_rows = filter_rows,
+    .add_patches = add_patches,
+    .add_sums = add_sums,
+    .subtract_scaled = subtract_scaled,
+    .maximum = maximum,
+    .natural_log = natural_log,
+};
+
+}  // namespace emseg::EMSEG_SIMD_LEVEL
