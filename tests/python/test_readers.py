@@ -52,17 +52,8 @@ def test_pieces_make_the_whole(tmp_path: Path, name: str, monkeypatch: pytest.Mo
     path = make(name, tmp_path)
     whole = emseg.io.read(path)
     monkeypatch.setattr(recording, "_WORTHWHILE_EVENTS", 1)
-    for module in (
-        "aedat2",
-        "aedat4",
-        "event_stream_files",
-        "hdf5",
-        "matlab",
-        "numpy_files",
-        "prophesee",
-        "recording",
-    ):
-        monkeypatch.setattr(importlib.import_module(f"emseg.io.{module}"), "BLOCK_EVENTS", 37, raising=False)
+    for module in [module for name, module in sys.modules.items() if name.startswith("emseg.io.")]:
+        monkeypatch.setattr(module, "BLOCK_EVENTS", 37, raising=False)
     monkeypatch.setattr(importlib.import_module("emseg.io.text"), "_BLOCK_BYTES", 100)
     with emseg.io.open_recording(path) as opened:
         chunks = list(opened.chunks())
@@ -73,6 +64,21 @@ def test_pieces_make_the_whole(tmp_path: Path, name: str, monkeypatch: pytest.Mo
         span = opened.read(span=(0.02, 0.05))
     assert span == whole.between(t0 + 20_000, t0 + 50_000)
     assert 0 < len(span) < len(whole)
+
+
+def test_the_folder_of_a_ros2_bag_is_the_bag(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    path = make("mcap mono", folder)
+    with pytest.raises(ReadError, match="is a directory, expected a recording"):
+        emseg.io.read(folder)
+    (folder / "metadata.yaml").touch()
+    assert emseg.io.read(folder) == EVENTS
+    path.with_name("second.mcap").write_bytes(path.read_bytes())
+    with pytest.raises(
+        ReadError, match=r"is a ROS 2 bag of 2 files, expected one of them: made\.mcap, second\.mcap"
+    ):
+        emseg.io.read(folder)
 
 
 def test_spans_that_no_recording_has(tmp_path: Path) -> None:
@@ -199,7 +205,12 @@ def test_prophesee_headers() -> None:
     header = prophesee._parse_header(b"% Date 2020\n% Version 2\n% Width 3\n% Height 4\n\x0c\x08%rest\n")
     assert header is not None
     assert (header.size, header.length) == ((3, 4), 45)
-    assert prophesee._parse_header(b"% a comment\n1 2 3 1\n") is None
+    assert prophesee._parse_header(b"% a comment\n\1\2\3\4") is None
+
+
+def test_text_may_begin_like_a_prophesee_header(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("% width 346\n% height 260\n% version 2\n346 260\n1 2 3 1\n")
+    assert emseg.io.read(tmp_path / "a.txt").to_structured().tolist() == [(2, 3, 1, 1)]
 
 
 @pytest.mark.parametrize("form", ["evt2", "npz", "hdf5"])

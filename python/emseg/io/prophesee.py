@@ -81,7 +81,7 @@ class _Header:
 
 
 def _parse_header(head: bytes) -> _Header | None:
-    """The header of a Prophesee file, or None where a file has none."""
+    """The header of a Prophesee file, or None where a file has none or goes on as text."""
     values: dict[str, str] = {}
     position = 0
     while head[position : position + 1] == b"%":
@@ -96,7 +96,9 @@ def _parse_header(head: bytes) -> _Header | None:
         if key.lower() == "end":
             break
         values.setdefault(key.lower(), value.strip())
-    return _Header(values, position) if _KEYS & values.keys() else None
+    events = head[position : position + _PROBE_BYTES]
+    is_text = len(events) > 0 and all(0x20 <= byte <= 0x7E or byte in b"\r\n\t" for byte in events)
+    return _Header(values, position) if _KEYS & values.keys() and not is_text else None
 
 
 def _header(path: Path) -> _Header:

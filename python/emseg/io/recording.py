@@ -35,6 +35,8 @@ BLOCK_EVENTS: Final = 1 << 19
 """Events that readers give at a time, more or less: it bounds the memory of walking a recording."""
 
 _WORTHWHILE_EVENTS: Final = 1 << 16
+_FOREVER_S: Final = 1e13
+_LAST_TIME: Final = (1 << 63) - 1
 
 Damage = Literal["refuse", "keep"]
 """What to do about damage: refuse the file, or keep what can be read of it."""
@@ -187,6 +189,7 @@ class Recording:
         self.format = source.format or format_name
         self._source = source
         self._size = size or source.size
+        self._warned: set[str] = set()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -240,7 +243,7 @@ class Recording:
                 continue
             if origin is None:
                 origin = int(chunk.t[0])
-            start, stop = (origin + round(edge * 1e6) for edge in (span[0], min(span[1], 1e12)))
+            start, stop = (min(origin + round(min(edge, _FOREVER_S) * 1e6), _LAST_TIME) for edge in span)
             part = chunk.between(start, stop)
             if len(part):
                 yield part
@@ -300,7 +303,7 @@ class Recording:
                 continue
             if self.damage == "refuse":
                 raise fault from None
-            _log.warning("%s; kept the %s before it: %d", fault, what, count)
+            self._warn(f"{fault}; kept the {what} before it: {count}")
             return
 
     def _blocks(self) -> Iterator[tuple[int, Block]]:
@@ -338,7 +341,13 @@ class Recording:
                 last = int(chunk.t[-1])
                 yield chunk
         if left_out:
-            _log.warning("%s; %d such events left out", first_fault, left_out)
+            self._warn(f"{first_fault}; {left_out} such events left out")
+
+    def _warn(self, message: str) -> None:
+        """Say what is lost: once, though the recording may be walked several times."""
+        if message not in self._warned:
+            self._warned.add(message)
+            _log.warning("%s", message)
 
 
 def _joined(blocks: Iterator[Block]) -> Iterator[Block]:

@@ -87,6 +87,20 @@ def _head(path: Path) -> bytes:
         raise ReadError(path, f"cannot be opened: {getattr(error, 'strerror', None) or error}") from None
 
 
+def _file_of(path: Path) -> Path:
+    """The file of a ROS 2 bag that is given as its folder; other paths as they are."""
+    try:
+        if not (path / "metadata.yaml").is_file():
+            return path
+    except (OSError, ValueError):  # ValueError: a path with a null byte
+        return path
+    files = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise ReadError(path, f"is a ROS 2 bag of {len(files)} files, expected one of them: {names}")
+    return files[0] if files else path
+
+
 def find_reader(path: str | PathLike[str]) -> Reader:
     """The reader that recognises a file.
 
@@ -120,7 +134,7 @@ def open_recording(
     """Open a recording, to read it chunk by chunk; its format is recognised by the content.
 
     Args:
-        path: A file of any of the formats of :func:`readers`.
+        path: A file of any of the formats of :func:`readers`, or the folder of a ROS 2 bag.
         width: Width of the sensor, px; with `height`, instead of what the file says or lets guess.
         height: Height of the sensor, px.
         stream: Which event stream to read where there are several: a topic, group, variable or name.
@@ -135,7 +149,7 @@ def open_recording(
         raise ValueError(f"width is {width} and height is {height}, expected both or neither")
     size = None if width is None or height is None else (width, height)
     options = ReadOptions(size=size, stream=stream, columns=columns, time_unit=time_unit)
-    path = Path(path)
+    path = _file_of(Path(path))
     reader = find_reader(path)
     try:
         source = reader.open(path, options)
