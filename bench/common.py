@@ -118,6 +118,11 @@ def print_table(
     print(text(lines[0]), "|" + "|".join(rule) + "|", *map(text, lines[1:]), sep="\n")
 
 
+def number(value: float | None, form: str) -> str:
+    """A figure as a table shows it; a dash where there is none."""
+    return "–" if value is None or value != value else format(value, form)
+
+
 def circumstances() -> dict[str, Any]:
     """Machine, commit and versions that figures belong to."""
     versions = {"python": platform.python_version()}

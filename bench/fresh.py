@@ -1,7 +1,7 @@
 """One cold segmentation in a process of its own: what a stranger's first call costs.
 
-``python -m bench.fresh WINDOW CONFIG_JSON`` prints one line of JSON.  NumPy and the events are there before
-the clock starts: they are the caller's.
+``python -m bench.fresh WINDOW CONFIG_JSON``, with the window's name or file, prints one line of JSON.  NumPy
+and the events are there before the clock starts: they are the caller's.
 """
 
 from __future__ import annotations
@@ -34,6 +34,17 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def fresh_environment() -> dict[str, str]:
+    """Of a new process that imports what this one does.
+
+    Python's own compilation is kept from one process to the next, as an installed package's is: else every
+    import would include it.
+    """
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
+
+
 def main() -> None:
     np.zeros(1)
     numpy_mb = peak_mb()
@@ -45,6 +56,7 @@ def main() -> None:
 
     window = load(sys.argv[1])
     config = config_class(**json.loads(sys.argv[2]))
+    events_mb = peak_mb()
     loaded = time.process_time()
     found = segment(window.events, window.camera, config)
     done = time.process_time()
@@ -52,6 +64,7 @@ def main() -> None:
         "import_cpu_s": imported - _BEFORE_EMSEG,
         "segment_cpu_s": done - loaded,
         "peak_mb_over_numpy": peak_mb() - numpy_mb,
+        "peak_mb_over_events": peak_mb() - events_mb,
         "labels": len(found.models),
         "energy": found.energy,
     }
@@ -60,7 +73,7 @@ def main() -> None:
 
 def run_fresh(*arguments: str) -> dict[str, Any]:
     """This module in a new process with the same import path."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = fresh_environment()
     command = [sys.executable, "-m", "bench.fresh", *arguments]
     root = Path(__file__).resolve().parents[1]
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)

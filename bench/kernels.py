@@ -6,9 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import statistics
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +28,7 @@ from bench.common import (
 from bench.event_instances import made_events
 from bench.numba_peer import warp_and_vote
 from bench.published import reference_window
+from bench.start_up import bench_start_up
 from bench.windows import BenchWindow
 from emseg import _core
 from emseg import reference as numpy_reference
@@ -263,39 +261,6 @@ def bench_fit(events: int) -> list[Row]:
         what = f"motion fit, translation, {len(window.events)} events ({reaching})"
         rows.append(Row(what, 1e3 * ours.cpu_s, peer, 1e3 * its.cpu_s, targets[peer]))
     return rows
-
-
-# --- start-up ----------------------------------------------------------------------------------------------
-
-_IMPORT = """
-import time
-start = time.process_time()
-import numpy
-numpy_done = time.process_time()
-import emseg
-emseg_done = time.process_time()
-emseg.segment
-assert emseg.__version__ == "{version}"
-print(numpy_done - start, emseg_done - numpy_done, time.process_time() - numpy_done)
-"""
-
-
-def bench_start_up(repeats: int = 5) -> list[Row]:
-    """`import emseg` in fresh processes, over NumPy's own import."""
-    script = _IMPORT.format(version=emseg.__version__)
-    command = [sys.executable, "-c", f"import sys\nsys.path[:] = {sys.path!r}\n{script}"]
-    runs = [
-        [
-            float(part)
-            for part in subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-        ]
-        for _ in range(repeats)
-    ]
-    numpy_s, emseg_s, segment_s = (statistics.median(column) for column in zip(*runs, strict=True))
-    return [
-        Row("import emseg, over NumPy's own", 1e3 * emseg_s, "import numpy", 1e3 * numpy_s, "≤ 150 ms"),
-        Row("import emseg and name emseg.segment", 1e3 * segment_s, "import numpy", 1e3 * numpy_s),
-    ]
 
 
 KERNELS: dict[str, Callable[[int], list[Row]]] = {

@@ -11,6 +11,7 @@ import json
 import statistics
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,15 @@ from numpy.typing import NDArray
 
 import emseg
 from bench import windows
-from bench.common import circumstances, cpu_times, print_circumstances, print_table, require, write_json
+from bench.common import (
+    circumstances,
+    cpu_times,
+    number,
+    print_circumstances,
+    print_table,
+    require,
+    write_json,
+)
 from bench.fresh import run_fresh
 from bench.published import our_solution, published_energies, published_solution, reference_window
 from bench.windows import BenchWindow
@@ -55,21 +64,19 @@ def check(window: BenchWindow, one: emseg.Segmentation, many: emseg.Segmentation
 
 def bench_window(window: BenchWindow, config: emseg.Config, *, repeats: int, fresh: int) -> dict[str, Any]:
     """Times and quality of one window, beside the published code's."""
-    one_thread = config.model_copy(update={"threads": 1})
+    one_thread = replace(config, threads=1)
     single, default = cpu_times(
         [lambda c=c: emseg.segment(window.events, window.camera, c) for c in (one_thread, config)],  # type: ignore[misc]
         repeats,
     )
     check(window, single.result, default.result)
-    cold = [run_fresh(window.name, one_thread.model_dump_json()) for _ in range(fresh)]
+    cold = [run_fresh(window.name, json.dumps(asdict(one_thread))) for _ in range(fresh)]
     require(
         all(run["energy"] == single.result.energy for run in cold),
         f"{window.name}: a fresh process finds another energy than a warm one",
     )
     # The labels that were optimised: events marked as noise have lost theirs.
-    unmarked = emseg.segment(
-        window.events, window.camera, one_thread.model_copy(update={"noise_label": "off"})
-    )
+    unmarked = emseg.segment(window.events, window.camera, replace(one_thread, noise_label="off"))
     require(unmarked.energy == single.result.energy, f"{window.name}: marking noise changes the energy")
     row: dict[str, Any] = {
         "window": window.name,
@@ -125,10 +132,6 @@ def bench_reference(window: BenchWindow, pool_name: str) -> dict[str, Any]:
 
 
 # --- tables ------------------------------------------------------------------------------------------------
-
-
-def number(value: float | None, form: str) -> str:
-    return "–" if value is None or value != value else format(value, form)
 
 
 def print_times(rows: Sequence[dict[str, Any]]) -> None:
@@ -276,8 +279,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if reference:
         print_reference(reference, {row["window"]: row for row in rows})
     if options.json:
-        settings = json.loads(config.model_dump_json())
-        write_json(options.json, found, settings=settings, windows=rows, reference=reference)
+        write_json(options.json, found, settings=asdict(config), windows=rows, reference=reference)
 
 
 if __name__ == "__main__":

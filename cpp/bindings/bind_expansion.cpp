@@ -1,3 +1,5 @@
+#include "emseg/band_expansion.hpp"
+#include "emseg/event_graph.hpp"
 #include "emseg/expansion.hpp"
 #include "emseg/max_flow.hpp"
 #include "numpy_views.hpp"
@@ -65,10 +67,42 @@ void bind_labeling(py::module_& m) {
       "cheapest labels.");
 }
 
+void bind_band_expansion(py::module_& m) {
+  m.def(
+      "band_expansion",
+      [](const Array<std::uint16_t>& x, const Array<std::uint16_t>& y, const Array<std::int64_t>& t,
+         const Array<std::uint8_t>& p, int width, int height, const Array<std::int32_t>& unary,
+         std::int32_t smooth_cost, const Array<std::int64_t>& label_cost,
+         const Array<std::int32_t>& initial) {
+        const EventView events = event_view(x, y, t, p);
+        const std::size_t n = events.size();
+        if (unary.ndim() != 2 || static_cast<std::size_t>(unary.shape(1)) != n) {
+          throw std::invalid_argument("unary must have the shape (labels, events)");
+        }
+        std::vector<std::span<const std::int32_t>> costs;
+        for (py::ssize_t l = 0; l < unary.shape(0); ++l) {
+          costs.push_back(view(unary).subspan(static_cast<std::size_t>(l) * n, n));
+        }
+        ExpansionResult result;
+        {
+          py::gil_scoped_release release;
+          const PixelGraph graph = build_pixel_graph(events, {width, height});
+          ExpansionWorkspace workspace;
+          BandExpansion bands(graph, workspace);
+          result = bands.minimise({costs, smooth_cost, view(label_cost)}, view(initial));
+        }
+        return py::make_tuple(to_numpy(std::move(result.labels)), result.energy);
+      },
+      py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("width"), py::arg("height"),
+      py::arg("unary"), py::arg("smooth_cost"), py::arg("label_cost"), py::arg("initial"),
+      "Labels of a window from coarse to fine, and their energy; unary is (labels, events).");
+}
+
 }  // namespace
 
 void bind_expansion(py::module_& m) {
   bind_max_flow(m);
   bind_labeling<std::int32_t>(m);
   bind_labeling<std::int64_t>(m);
+  bind_band_expansion(m);
 }

@@ -2,7 +2,7 @@
 
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
-#include "emseg/velocity_sweep.hpp"
+#include "emseg/simd.hpp"
 #include "numpy_views.hpp"
 
 namespace py = pybind11;
@@ -38,6 +38,18 @@ void check_polarities(const PointView& points, const Array<std::uint8_t>& p) {
 }  // namespace
 
 void bind_motion(py::module_& m) {
+  m.def(
+      "simd_level", [] { return std::string(name_of(simd_level())); },
+      "Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.");
+  m.def(
+      "simd_levels",
+      [] {
+        std::vector<std::string> names;
+        for (const SimdLevel level : simd_levels()) names.emplace_back(name_of(level));
+        return names;
+      },
+      "Levels that this processor runs, ascending.");
+
   py::class_<WarpFrame>(m, "WarpFrame",
                         "What warps are relative to: image centre, normalising length, intrinsics.")
       .def(py::init([](int width, int height) { return make_warp_frame(checked_size(width, height)); }),
@@ -142,33 +154,4 @@ void bind_motion(py::module_& m) {
       py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"),
       py::arg("max_scale_rate"), py::arg("max_angle_rate"), py::arg("threads"),
       "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.");
-
-  m.def(
-      "sweep_velocities",
-      [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
-         int width, int height, const std::vector<std::array<int, 4>>& regions, double max_speed,
-         int threads) {
-        const PointView points = point_view(x, y, dt);
-        std::vector<Region> parts;
-        for (const auto& [x0, y0, w, h] : regions) parts.push_back({x0, y0, w, h});
-        const Region region = sensor_region(checked_size(width, height));
-        check_polarities(points, p);
-        std::vector<std::vector<VelocityScore>> found;
-        {
-          py::gil_scoped_release release;
-          ThreadPool pool(threads);
-          SweepOptions options;
-          options.max_speed = max_speed;
-          found = sweep_velocities(points, view(p), parts, region, options, pool);
-        }
-        std::vector<std::vector<std::array<double, 3>>> result;
-        for (const auto& of_region : found) {
-          result.emplace_back();
-          for (const VelocityScore& v : of_region) result.back().push_back({v.vx, v.vy, v.score});
-        }
-        return result;
-      },
-      py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("width"), py::arg("height"),
-      py::arg("regions"), py::arg("max_speed"), py::arg("threads"),
-      "Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.");
 }

@@ -31,8 +31,8 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
                               std::optional<double> lambda_label, int bracket_row, int bracket_col,
                               double max_speed, double max_scale_rate, double max_angle_rate,
                               const std::vector<std::string>& kinds, int num_iter_segmentation,
-                              int num_iter_labeling, double sigma, std::optional<std::size_t> max_events, bool mark_noise,
-                              int threads) {
+                              int num_iter_labeling, double sigma, std::optional<std::size_t> max_events,
+                              bool mark_noise, int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);
   options.lambda_data = lambda_data;
@@ -95,12 +95,11 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("num_iter_segmentation", &SegmenterOptions::num_iter_segmentation)
       .def_readonly("num_iter_labeling", &SegmenterOptions::num_iter_labeling)
       .def_readonly("sigma", &SegmenterOptions::sigma)
-      .def_property_readonly("max_events",
-                             [](const SegmenterOptions& o) {
-                               return o.max_events == SegmenterOptions::all_events
-                                          ? std::nullopt
-                                          : std::optional(o.max_events);
-                             })
+      .def_property_readonly(
+          "max_events",
+          [](const SegmenterOptions& o) {
+            return o.max_events == SegmenterOptions::all_events ? std::nullopt : std::optional(o.max_events);
+          })
       .def_readonly("mark_noise", &SegmenterOptions::mark_noise)
       .def_readonly("threads", &SegmenterOptions::threads);
 

@@ -11,10 +11,10 @@
 namespace emseg {
 namespace {
 
-constexpr int tile = 32;                   // px
+constexpr int tile = velocity_tile;
 constexpr double same_displacement = 1.6;  // px over the window
 constexpr double enough_displacement =
-    5;  // px over the window: more than a step of the sweep, so no accident
+    5;  // px over the window: more than pixels' rounding makes, so no accident
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
@@ -38,10 +38,11 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
     for (int column = 0; column < columns; ++column)
       regions.push_back({column * tile, row * tile, tile, tile});
   }
-  SweepOptions sweep;
-  sweep.max_speed = options.max_speed;
-  sweep.per_region = 1;
-  const auto found = sweep_velocities(points.view(), window.p, regions, sensor_region(size), sweep, pool);
+  RegionVelocityOptions search;
+  search.max_speed = options.max_speed;
+  search.per_region = 1;
+  const auto found =
+      find_region_velocities(points.view(), window.p, regions, sensor_region(size), search, pool);
 
   const auto known = [&](int column, int row) {
     return column >= 0 && row >= 0 && column < columns && row < rows &&
@@ -53,12 +54,12 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
       if (!known(column, row)) continue;
-      const VelocityScore own = velocity(column, row);
+      const RegionVelocity own = velocity(column, row);
       int alike = -1;  // not itself
       for (int j = row - 1; j <= row + 1; ++j) {
         for (int i = column - 1; i <= column + 1; ++i) {
           if (!known(i, j)) continue;
-          const VelocityScore other = velocity(i, j);
+          const RegionVelocity other = velocity(i, j);
           alike += std::hypot(own.vx - other.vx, own.vy - other.vy) * px_per_speed < same_displacement;
         }
       }

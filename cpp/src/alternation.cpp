@@ -142,10 +142,9 @@ bool Alternation::refit() {
     for (const std::size_t at : even_sample(all.size(), options_.max_refit_events))
       own.push_back(points_, all[at]);
     const MotionModel start = convert_motion(models_[refit.label], kind, frame_, plane_);
-    refit.model =
-        refine_motion(own.view(), start, frame_, fit_region(own.view(), start, frame_, plane_),
-                      options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
-            .model;
+    refit.model = refine_motion(own.view(), start, frame_, fit_region(own.view(), start, frame_, plane_),
+                                options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
+                      .model;
     evaluate(refit.model, worker, refit.support);
     if (options_.term != DataTerm::published) evaluate_costs(refit.support, refit.costs);
   });

@@ -24,7 +24,8 @@ struct Part {
   std::vector<std::int32_t> indices;
   std::vector<Cost> weight;  // edges, or one for all
   std::vector<std::int64_t> label_cost;
-  std::vector<std::int32_t> labels;  // nodes
+  std::vector<std::int32_t> labels;    // nodes
+  std::vector<std::uint64_t> allowed;  // nodes: a bit for each label that it may take; empty: any
 
   BasicLabelingProblem<Cost> view() const {
     return {static_cast<std::int32_t>(label_cost.size()), unary, indptr, indices, weight, label_cost};
@@ -71,10 +72,10 @@ class BandExpansion::Levels {
         node_(graph.pixels.size(), kFixed) {}
 
   ExpansionResult checked_minimise(const WindowLabeling& problem, std::span<const std::int32_t> initial) {
-    const std::int64_t widest = check_window_labeling(graph_, problem);
+    widest_ = check_window_labeling(graph_, problem);
     if (!initial.empty()) check_window_labels(graph_, problem, initial);
-    return widest <= std::numeric_limits<std::int32_t>::max() ? minimise<std::int32_t>(problem, initial)
-                                                              : minimise<std::int64_t>(problem, initial);
+    return widest_ <= std::numeric_limits<std::int32_t>::max() ? minimise<std::int32_t>(problem, initial)
+                                                               : minimise<std::int64_t>(problem, initial);
   }
 
  private:
@@ -101,6 +102,11 @@ class BandExpansion::Levels {
   template <typename Cost>
   void set_label_costs(const WindowLabeling& problem, Part<Cost>& part) const;
   bool is_boundary(std::int32_t pixel) const;
+  void allow_labels_of_blocks(std::span<const std::int32_t> before, std::span<const std::int32_t> after);
+  void allow_labels_nearby();
+
+  static constexpr std::size_t kMaskBits = 64;
+  static std::uint64_t bit(std::int32_t label) { return std::uint64_t{1} << label; }
 
   static constexpr std::int32_t kFixed = -1;  // no node of the part
   static constexpr std::int32_t kMixed = -1;  // no one label
@@ -110,10 +116,12 @@ class BandExpansion::Levels {
   const BandOptions options_;
   const PixelBlocks blocks_;
 
+  std::int64_t widest_ = 0;                // capacity that a move can meet
   std::vector<std::int32_t> candidates_;   // labels that take part below the blocks
   std::vector<std::int32_t> labels_;       // events: positions in candidates_
   std::vector<std::int32_t> pixel_label_;  // that all events of a pixel have, or kMixed
   std::vector<std::int64_t> used_;         // per candidate: its events
+  std::vector<std::uint64_t> allowed_;     // per pixel: the labels to be tried; empty: all
   std::vector<std::int32_t> node_;         // per pixel: its first node in the part, or kFixed
   std::vector<std::int32_t> band_;         // pixels of the part, ascending
   std::vector<std::int32_t> changed_;      // pixels of the band that the last part changed
@@ -247,13 +255,54 @@ void BandExpansion::Levels::widen_band(int hops) {
   std::sort(band_.begin(), band_.end());
 }
 
+// Those of the pixel's block and of the blocks around it.
+void BandExpansion::Levels::allow_labels_of_blocks(std::span<const std::int32_t> before,
+                                                   std::span<const std::int32_t> after) {
+  allowed_.clear();
+  if (candidates_.size() > kMaskBits) return;
+  std::vector<std::uint64_t> own(blocks_.count), wide;
+  for (std::size_t b = 0; b < own.size(); ++b) own[b] = bit(before[b]) | bit(after[b]);
+  wide = own;
+  for (std::int32_t b = 0; b < blocks_.count; ++b) {
+    for (std::int64_t e = blocks_.indptr[b]; e < blocks_.indptr[b + 1]; ++e) {
+      const std::int32_t c = blocks_.indices[e];
+      wide[b] |= own[c];
+      wide[c] |= own[b];
+    }
+  }
+  allowed_.resize(graph_.pixels.size());
+  for (const std::int32_t p : band_) allowed_[p] = wide[blocks_.of_pixel[p]];
+}
+
+// Those of the events as far away as the band is wide.
+void BandExpansion::Levels::allow_labels_nearby() {
+  if (candidates_.size() > kMaskBits) return;
+  allowed_.resize(graph_.pixels.size());
+  for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
+    if (pixel_label_[p] != kMixed) {
+      allowed_[p] = bit(pixel_label_[p]);
+    } else {
+      allowed_[p] = 0;
+      for (const std::int32_t k : graph_.events_of(p)) allowed_[p] |= bit(labels_[k]);
+    }
+  }
+  std::vector<std::uint64_t> wide(band_.size());
+  for (int hop = 0; hop < options_.hops; ++hop) {
+    for (std::size_t v = 0; v < band_.size(); ++v) {
+      wide[v] = allowed_[band_[v]];
+      for (const std::int32_t q : graph_.neighbours_of(band_[v])) wide[v] |= allowed_[q];
+    }
+    for (std::size_t v = 0; v < band_.size(); ++v) allowed_[band_[v]] = wide[v];
+  }
+}
+
 // ---- parts
 
 template <typename Cost>
 std::int64_t BandExpansion::Levels::solve(Part<Cost>& part) {
   std::int64_t gain = 0;
   for (const std::int64_t of_sweep :
-       expand_in_turn(part.view(), options_.max_sweeps, workspace_.moves().of<Cost>(), part.labels)) {
+       expand_in_turn(part.view(), options_.max_sweeps, widest_, workspace_, part.labels, part.allowed)) {
     gain += of_sweep;
   }
   return gain;
@@ -280,6 +329,7 @@ std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) 
     const std::int32_t p = band_[v];
     const auto own = graph_.events_of(p);
     part.labels.push_back(pixel_label_[p]);
+    if (!allowed_.empty()) part.allowed.push_back(allowed_[p]);
     used_[pixel_label_[p]] -= static_cast<std::int64_t>(own.size());
     Cost* row = part.unary.data() + v * label_count;
     for (std::size_t l = 0; l < label_count; ++l) {
@@ -337,6 +387,7 @@ std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) 
     for (std::size_t i = 0; i < own.size(); ++i) {
       const std::int32_t k = own[i];
       part.labels.push_back(labels_[k]);
+      if (!allowed_.empty()) part.allowed.push_back(allowed_[p]);
       --used_[labels_[k]];
       if (i > 0) edges.emplace_back(first + i - 1, first + i);
     }
@@ -441,10 +492,12 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
   result.energy = evaluate_window(graph_, problem, original());
   result.energy_trace.push_back(result.energy);
 
+  std::vector<std::int32_t> extra;
   if (cold) {
     mark_block_rims(before, marked);
     mark_block_rims(part.labels, marked);
     band_of_blocks(marked);
+    allow_labels_of_blocks(to_positions(before), to_positions(part.labels));
     result.energy -= solve_pixels<Cost>(problem);
     band_of_boundaries();
   } else {
@@ -455,8 +508,16 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
       if (inside[p] == 0 && marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
     }
     std::sort(band_.begin(), band_.end());
+    extra = to_positions(part.labels);
   }
   for (int k = 0; k < options_.max_bands && !band_.empty(); ++k) {
+    allow_labels_nearby();
+    if (k == 0 && !extra.empty() && !allowed_.empty()) {
+      for (const std::int32_t p : band_) {
+        const std::int32_t b = blocks_.of_pixel[p];
+        allowed_[p] |= bit(extra[b]);
+      }
+    }
     result.energy -= solve_events<Cost>(problem);
     if (!band_of_changes()) break;
   }

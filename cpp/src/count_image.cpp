@@ -6,7 +6,7 @@
 namespace emseg {
 namespace {
 
-constexpr int radius = 2;           // of the binomial
+constexpr int radius = 2;            // of the binomial
 constexpr std::uint16_t most = 255;  // votes of a cell that count: 255 (1+4+6+4+1)^2 fits 16 bits
 
 // Weighted sum of five rows, votes beyond `most` left out.

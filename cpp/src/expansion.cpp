@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -31,16 +30,6 @@ std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& prob
   return labels;
 }
 
-template <typename Cost, typename Capacity>
-void minimise(const BasicLabelingProblem<Cost>& problem, int max_sweeps, ExpansionMove<Capacity>& move,
-              ExpansionResult& result) {
-  for (const std::int64_t gain : expand_in_turn(problem, max_sweeps, move, result.labels)) {
-    result.energy -= gain;
-    result.energy_trace.push_back(result.energy);
-  }
-  assert(result.energy == evaluate(problem, result.labels));
-}
-
 template <typename Cost>
 ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
                                   std::span<const std::int32_t> initial, const ExpansionOptions& options,
@@ -62,12 +51,13 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
 
   const OrderedProblem<Cost> ordered(problem);
   result.labels = ordered.ordered(result.labels);
-  if (widest <= std::numeric_limits<std::int32_t>::max()) {
-    minimise(ordered.view(), options.max_sweeps, workspace.moves().narrow, result);
-  } else {
-    minimise(ordered.view(), options.max_sweeps, workspace.moves().wide, result);
+  for (const std::int64_t gain :
+       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels)) {
+    result.energy -= gain;
+    result.energy_trace.push_back(result.energy);
   }
   result.labels = ordered.original(result.labels);
+  assert(result.energy == evaluate(problem, result.labels));
   return result;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -14,29 +15,32 @@
 namespace emseg {
 
 // The cut: the source's side keeps its label, the sink's side switches to alpha.  Sites that have alpha
-// already are not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI 2004): with x = 1 for
-// "switches",
+// already, or must not take it, are not in it.  Potts terms need no auxiliary nodes (Kolmogorov, Zabih, PAMI
+// 2004): with x = 1 for "switches", and u < v,
 //   one end has alpha:     w [x_u = 0]                     a cost of keeping u
+//   one end must keep:     w [x_u = 1] if labels are equal, else nothing that depends on x
 //   equal labels:          w [x_u != x_v]                  an edge of capacity w both ways
 //   different labels:      w (1 - x_u x_v)                 a cost of keeping u and an arc v -> u of capacity
 //   w
-// A node's excess is its cost of switching minus its cost of keeping.
+// A node's excess is its cost of switching minus its cost of keeping, less the flow that leaves it.
 //
 // alpha's own label cost needs no hub: the best move of all is also the best of those that use alpha, unless
 // it is to keep everything; it is taken if it gains more than that cost.  The other labels' costs are in
 // LabelHubs.
 //
-// The flow of the last move to the same label is where the next one starts: clamped to the new capacities it
-// is as good a beginning as none, and where little has changed it leaves little to do, often not even a graph
-// to build.
+// The graph is the same for all moves.  The flow of every label's last move is kept, and only what follows
+// from labels that have changed since is changed in it: clamped to its new capacities, a flow is as good a
+// beginning as none, and where little has changed it leaves little to do.
 //
-// Capacity must hold the range of the data costs plus twice the weights at any one site (see FlowSolver).
-template <typename Capacity>
+// Capacity must hold the range of the data costs plus twice the weights at any one site, Residual twice the
+// weight of an edge.
+template <typename Capacity, typename Residual = Capacity>
 class ExpansionMove {
  public:
-  // Forgets what earlier moves left for this problem or another.
+  // Forgets what earlier moves left for this problem or another.  `allowed`, if not empty, has a bit for each
+  // of the first 64 labels that a site may take; what it has it may keep, and later labels are for all.
   template <typename Cost>
-  void begin(const BasicLabelingProblem<Cost>& problem);
+  void begin(const BasicLabelingProblem<Cost>& problem, std::span<const std::uint64_t> allowed = {});
 
   // By how much the best move to alpha lowers the energy; 0 if none does.  `used` counts the sites of every
   // label.
@@ -48,210 +52,269 @@ class ExpansionMove {
   std::span<const std::int32_t> switched() const { return switched_; }
 
  private:
-  template <typename Cost>
-  void gather_sites(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
-                    std::int32_t alpha);
-  template <typename Cost>
-  void gather_edges(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
-                    std::int32_t alpha, std::span<const Capacity> flow);
-  void build();
-  template <typename Cost>
-  void keep_flow(const BasicLabelingProblem<Cost>& problem, std::span<Capacity> flow) const;
-  std::int64_t deficits() const;
-  std::int64_t gain_bound() const;
+  // A site's part in a move: its label if it may switch, kHasAlpha, or, where it must keep its label,
+  // kept(label).
+  using Role = std::int32_t;
+  static constexpr Role kHasAlpha = -1;
+  static Role kept(std::int32_t label) { return -2 - label; }
+  static bool takes_part(Role role) { return role >= 0; }
 
-  static constexpr std::int32_t kHasAlpha = -1;
-  static constexpr std::size_t kFlowMemory = std::size_t{32}
-                                             << 20;  // bytes; labels beyond start from no flow
-
-  // An edge between two nodes of the cut, with what the flow so far leaves of its capacities.
-  struct Edge {
-    std::int32_t index;  // in the problem
-    std::int32_t u;
-    std::int32_t v;
-    Capacity forward;
-    Capacity backward;
+  // The flow of the last move to a label, in the graph of the roles that sites had in it.
+  struct Flow {
+    std::int32_t label = kNoLabel;
+    std::vector<Role> roles;
+    std::vector<Capacity> excess;
+    std::vector<Residuals<Residual>> residuals;
   };
 
-  FlowSolver<Capacity> solver_;
-  LabelHubs<Capacity> hubs_;
-  std::vector<std::int32_t> node_of_site_;  // or kHasAlpha
-  std::vector<std::int32_t> site_of_node_;
-  std::vector<std::int32_t> label_of_node_;
-  std::vector<std::int64_t> hub_cost_;        // per label: its cost if it is in use and not alpha
-  std::vector<std::vector<Capacity>> flows_;  // per label: the last move's flow along every edge
-  std::vector<Edge> edges_;
-  std::vector<std::int32_t> arc_of_edge_;  // as edges_
+  // What an edge u - v with these roles gives to u's arc and to u's excess.
+  struct Terms {
+    Residual forward;
+    Residual backward;
+    Capacity excess;
+  };
+  static Terms terms_of(Role u, Role v, Residual weight, bool u_is_first);
+
+  template <typename Cost>
+  void set_roles(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
+                 std::span<const std::int32_t> used, std::int32_t alpha);
+  template <typename Cost>
+  Capacity data_excess(const BasicLabelingProblem<Cost>& problem, std::size_t v, Role role,
+                       std::int32_t alpha) const;
+  template <typename Cost>
+  void bring_up_to_date(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, Flow& flow);
+  template <typename Cost>
+  void reset(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, Flow& flow) const;
+  template <typename Cost>
+  void update_site(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, std::int32_t v,
+                   Flow& flow) const;
+  Residual weight_at(std::int32_t arc) const { return weight_[weight_.size() == 1 ? 0 : arc]; }
+  std::int64_t gain_bound(const Flow& flow) const;
+
+  static constexpr std::int32_t kNoLabel = -1;
+  static constexpr std::size_t kFlowMemory = std::size_t{48} << 20;  // bytes; labels beyond share one flow
+
+  ArcRows rows_;
+  std::vector<Residual> weight_;  // by arc, or one for all
+  std::span<const std::uint64_t> allowed_;
+  FlowSolver<Capacity, Residual> solver_;
+  LabelHubs<Capacity, Residual> hubs_;
+  std::vector<Role> roles_;
+  std::vector<std::int64_t> hub_cost_;  // per label: what wiping it out gains
+  std::vector<Flow> flows_;             // per label
+  std::vector<std::int32_t> changed_;   // sites whose role is not the flow's
   std::vector<std::int32_t> switched_;
 };
 
-template <typename Capacity>
+template <typename Capacity, typename Residual>
 template <typename Cost>
-void ExpansionMove<Capacity>::begin(const BasicLabelingProblem<Cost>& problem) {
-  const std::size_t edge_count = std::max<std::size_t>(1, problem.indices.size());
-  const auto label_count = static_cast<std::size_t>(problem.label_count);
-  flows_.resize(std::min(label_count, kFlowMemory / (edge_count * sizeof(Capacity)) + 1));
-  for (auto& flow : flows_) flow.clear();
+void ExpansionMove<Capacity, Residual>::begin(const BasicLabelingProblem<Cost>& problem,
+                                              std::span<const std::uint64_t> allowed) {
+  const auto site_count = static_cast<std::int32_t>(problem.site_count());
+  const auto visit_edges = [&](auto visit) {
+    for (std::int32_t i = 0; i < site_count; ++i) {
+      for (std::int64_t e = problem.indptr[i]; e < problem.indptr[i + 1]; ++e) {
+        if (problem.indices[e] != i) visit(e, i, problem.indices[e]);
+      }
+    }
+  };
+  rows_.begin(problem.site_count());
+  visit_edges([&](std::int64_t, std::int32_t u, std::int32_t v) { rows_.count_edge(u, v); });
+  rows_.allocate();
+  if (problem.weight.size() == 1) {
+    visit_edges([&](std::int64_t, std::int32_t u, std::int32_t v) { rows_.add_edge(u, v); });
+    weight_.assign(1, static_cast<Residual>(problem.weight[0]));
+  } else {
+    weight_.resize(std::max<std::size_t>(rows_.arc_count(), 2));
+    visit_edges([&](std::int64_t e, std::int32_t u, std::int32_t v) {
+      const std::int32_t a = rows_.add_edge(u, v);
+      weight_[a] = weight_[rows_.arc(a).sister] = static_cast<Residual>(problem.weight[e]);
+    });
+  }
+  allowed_ = allowed;
+  const std::size_t bytes = rows_.arc_count() * sizeof(Residuals<Residual>) +
+                            problem.site_count() * (sizeof(Role) + sizeof(Capacity)) + 1;
+  const std::size_t count = std::min(static_cast<std::size_t>(problem.label_count), kFlowMemory / bytes + 1);
+  if (flows_.size() < count) flows_.resize(count);
+  for (Flow& flow : flows_) flow.label = kNoLabel;
 }
 
-template <typename Capacity>
+template <typename Capacity, typename Residual>
 template <typename Cost>
-std::int64_t ExpansionMove<Capacity>::find(const BasicLabelingProblem<Cost>& problem,
-                                           std::span<const std::int32_t> labels,
-                                           std::span<const std::int32_t> used, std::int32_t alpha) {
+std::int64_t ExpansionMove<Capacity, Residual>::find(const BasicLabelingProblem<Cost>& problem,
+                                                     std::span<const std::int32_t> labels,
+                                                     std::span<const std::int32_t> used, std::int32_t alpha) {
   switched_.clear();
-  hub_cost_.resize(used.size());
-  for (std::int32_t l = 0; l < problem.label_count; ++l) {
-    const auto k = static_cast<std::size_t>(l);
-    hub_cost_[k] = used[k] > 0 && l != alpha ? problem.cost_of_label(l) : 0;
-  }
-  const std::int64_t price = used[static_cast<std::size_t>(alpha)] > 0 ? 0 : problem.cost_of_label(alpha);
+  set_roles(problem, labels, used, alpha);
+  const std::int64_t price = used[alpha] > 0 ? 0 : problem.cost_of_label(alpha);
 
-  // Labels beyond the memory share the last flow: it begins less well, and is as valid.
-  std::vector<Capacity>& flow = flows_[std::min(static_cast<std::size_t>(alpha), flows_.size() - 1)];
-  if (flow.empty()) flow.assign(problem.indices.size(), 0);
-  gather_sites(problem, labels, alpha);
-  gather_edges(problem, labels, alpha, flow);
-  if (gain_bound() <= price) return 0;
-  build();
+  Flow& flow = flows_[std::min(static_cast<std::size_t>(alpha), flows_.size() - 1)];
+  bring_up_to_date(problem, alpha, flow);
+  if (gain_bound(flow) <= price) return 0;
 
   // Keeping everything cuts every deficit; the minimum cut is as large as the flow.
+  const auto deficits = [&flow] {
+    std::int64_t sum = 0;
+    for (const Capacity excess : flow.excess) sum -= std::min<Capacity>(0, excess);
+    return sum;
+  };
   const std::int64_t keep_all = deficits();
+  solver_.attach(rows_, flow.residuals, flow.excess);
   solver_.start();
   solver_.maximise(keep_all - price);
   if (!solver_.is_maximum()) {
-    if (gain_bound() <= price) {
-      keep_flow(problem, flow);
-      return 0;
-    }
+    if (gain_bound(flow) <= price) return 0;
     solver_.maximise();
   }
   std::int64_t gain = deficits() - price;
-  hubs_.survey(solver_, label_of_node_, hub_cost_);
+  hubs_.survey(solver_, labels, hub_cost_);
   for (std::int32_t l = 0; l < problem.label_count; ++l) {
-    if (hubs_.is_wiped_by_cut(l)) gain += hub_cost_[static_cast<std::size_t>(l)];
+    if (hubs_.is_wiped_by_cut(l)) gain += hub_cost_[l];
   }
   if (gain + hubs_.gain_bound() > 0) gain += hubs_.fill(solver_);
-  keep_flow(problem, flow);
   if (gain <= 0) return 0;
 
   for (std::size_t v = 0; v < solver_.node_count(); ++v) {
-    if (solver_.on_sink_side(v) || hubs_.switches(v)) switched_.push_back(site_of_node_[v]);
+    if (takes_part(roles_[v]) && (solver_.on_sink_side(v) || hubs_.switches(v))) {
+      switched_.push_back(static_cast<std::int32_t>(v));
+    }
   }
   return gain;
 }
 
-template <typename Capacity>
+// A label that a site must keep cannot be wiped out.
+template <typename Capacity, typename Residual>
 template <typename Cost>
-void ExpansionMove<Capacity>::gather_sites(const BasicLabelingProblem<Cost>& problem,
-                                           std::span<const std::int32_t> labels, std::int32_t alpha) {
-  node_of_site_.resize(labels.size());
-  site_of_node_.clear();
-  label_of_node_.clear();
-  for (std::size_t i = 0; i < labels.size(); ++i) {
-    if (labels[i] == alpha) {
-      node_of_site_[i] = kHasAlpha;
+void ExpansionMove<Capacity, Residual>::set_roles(const BasicLabelingProblem<Cost>& problem,
+                                                  std::span<const std::int32_t> labels,
+                                                  std::span<const std::int32_t> used, std::int32_t alpha) {
+  hub_cost_.resize(used.size());
+  for (std::int32_t l = 0; l < problem.label_count; ++l) {
+    hub_cost_[l] = used[l] > 0 && l != alpha ? problem.cost_of_label(l) : 0;
+  }
+  roles_.resize(labels.size());
+  if (allowed_.empty() || alpha >= std::numeric_limits<std::uint64_t>::digits) {
+    for (std::size_t v = 0; v < labels.size(); ++v) roles_[v] = labels[v] == alpha ? kHasAlpha : labels[v];
+    return;
+  }
+  for (std::size_t v = 0; v < labels.size(); ++v) {
+    const bool may_switch = ((allowed_[v] >> alpha) & 1) != 0;
+    roles_[v] = labels[v] == alpha ? kHasAlpha : may_switch ? labels[v] : kept(labels[v]);
+    if (!may_switch) hub_cost_[labels[v]] = 0;
+  }
+}
+
+template <typename Capacity, typename Residual>
+typename ExpansionMove<Capacity, Residual>::Terms ExpansionMove<Capacity, Residual>::terms_of(
+    Role u, Role v, Residual weight, bool u_is_first) {
+  const auto w = static_cast<Capacity>(weight);
+  if (u == v) return {weight, weight, 0};
+  if (v == kHasAlpha) return {0, 0, static_cast<Capacity>(-w)};
+  if (!takes_part(v)) return {0, 0, v == kept(u) ? w : Capacity{0}};
+  return u_is_first ? Terms{0, weight, static_cast<Capacity>(-w)} : Terms{weight, 0, 0};
+}
+
+template <typename Capacity, typename Residual>
+template <typename Cost>
+Capacity ExpansionMove<Capacity, Residual>::data_excess(const BasicLabelingProblem<Cost>& problem,
+                                                        std::size_t v, Role role, std::int32_t alpha) const {
+  if (!takes_part(role)) return 0;
+  const Cost* row = problem.unary.data() + v * static_cast<std::size_t>(problem.label_count);
+  return static_cast<Capacity>(static_cast<Capacity>(row[alpha]) - static_cast<Capacity>(row[role]));
+}
+
+template <typename Capacity, typename Residual>
+template <typename Cost>
+void ExpansionMove<Capacity, Residual>::bring_up_to_date(const BasicLabelingProblem<Cost>& problem,
+                                                         std::int32_t alpha, Flow& flow) {
+  if (flow.label != alpha) {
+    reset(problem, alpha, flow);
+    return;
+  }
+  changed_.clear();
+  for (std::size_t v = 0; v < roles_.size(); ++v) {
+    if (roles_[v] != flow.roles[v]) changed_.push_back(static_cast<std::int32_t>(v));
+  }
+  if (changed_.size() > roles_.size() / 4) {  // a site's update costs more than its share of a reset
+    reset(problem, alpha, flow);
+    return;
+  }
+  for (const std::int32_t v : changed_) update_site(problem, alpha, v, flow);
+  for (const std::int32_t v : changed_) flow.roles[v] = roles_[v];
+}
+
+template <typename Capacity, typename Residual>
+template <typename Cost>
+void ExpansionMove<Capacity, Residual>::reset(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha,
+                                              Flow& flow) const {
+  const auto site_count = static_cast<std::int32_t>(roles_.size());
+  flow.label = alpha;
+  flow.roles = roles_;
+  flow.excess.resize(roles_.size());
+  flow.residuals.resize(rows_.arc_count());
+  for (std::int32_t v = 0; v < site_count; ++v) {
+    const Role role = roles_[v];
+    const std::int32_t end = rows_.end_of(v);
+    if (!takes_part(role)) {
+      flow.excess[v] = 0;
+      std::fill(flow.residuals.begin() + rows_.begin_of(v), flow.residuals.begin() + end,
+                Residuals<Residual>{0, 0});
       continue;
     }
-    node_of_site_[i] = static_cast<std::int32_t>(site_of_node_.size());
-    site_of_node_.push_back(static_cast<std::int32_t>(i));
-    label_of_node_.push_back(labels[i]);
-  }
-
-  solver_.begin(site_of_node_.size());
-  const auto label_count = static_cast<std::size_t>(problem.label_count);
-  for (std::size_t v = 0; v < site_of_node_.size(); ++v) {
-    const Cost* row = problem.unary.data() + static_cast<std::size_t>(site_of_node_[v]) * label_count;
-    solver_.excess(v) = static_cast<Capacity>(static_cast<Capacity>(row[alpha]) -
-                                              static_cast<Capacity>(row[label_of_node_[v]]));
-  }
-}
-
-// Costs at single sites go to their excess; edges between sites are listed, for there may be no need to build
-// them.
-template <typename Capacity>
-template <typename Cost>
-void ExpansionMove<Capacity>::gather_edges(const BasicLabelingProblem<Cost>& problem,
-                                           std::span<const std::int32_t> labels, std::int32_t alpha,
-                                           std::span<const Capacity> flow) {
-  const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
-  edges_.resize(problem.indices.size());
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < problem.site_count(); ++i) {
-    const std::int32_t label = labels[i];
-    const std::int32_t u = node_of_site_[i];
-    Capacity from_u = 0;
-    for (auto e = static_cast<std::size_t>(problem.indptr[i]);
-         e < static_cast<std::size_t>(problem.indptr[i + 1]); ++e) {
-      const auto j = static_cast<std::size_t>(problem.indices[e]);
-      const std::int32_t v = node_of_site_[j];
-      const auto weight = static_cast<Capacity>(problem.weight[e * stride]);
-      if (labels[j] == alpha) {
-        from_u += weight;
-      } else if (label == alpha) {
-        solver_.excess(static_cast<std::size_t>(v)) -= weight;
-      } else if (u != v) {
-        const bool equal = label == labels[j];
-        const Capacity most = equal ? weight : 0;
-        const Capacity along = std::clamp<Capacity>(flow[e], -weight, most);
-        from_u += weight - most + along;
-        solver_.excess(static_cast<std::size_t>(v)) += along;
-        edges_[count++] = {static_cast<std::int32_t>(e), u, v, static_cast<Capacity>(most - along),
-                           static_cast<Capacity>(weight + along)};
-      }
+    Capacity excess = data_excess(problem, v, role, alpha);
+    for (std::int32_t a = rows_.begin_of(v); a < end; ++a) {
+      const std::int32_t head = rows_.arc(a).head;
+      const Terms terms = terms_of(role, roles_[head], weight_at(a), v < head);
+      excess += terms.excess;
+      flow.residuals[a] = {terms.forward, terms.backward};
     }
-    if (u != kHasAlpha) solver_.excess(static_cast<std::size_t>(u)) -= from_u;
-  }
-  edges_.resize(count);
-}
-
-template <typename Capacity>
-void ExpansionMove<Capacity>::build() {
-  for (const Edge& edge : edges_) solver_.count_edge(edge.u, edge.v);
-  solver_.allocate();
-  arc_of_edge_.resize(edges_.size());
-  for (std::size_t k = 0; k < edges_.size(); ++k) {
-    const Edge& edge = edges_[k];
-    arc_of_edge_[k] = solver_.add_edge(edge.u, edge.v, edge.forward, edge.backward);
+    flow.excess[v] = excess;
   }
 }
 
-// The capacity backward is the weight, whatever the labels; flow along the edge adds to what is left of it.
-template <typename Capacity>
+// Changes what follows from the role of one site, and of those neighbours that have been changed before it.
+template <typename Capacity, typename Residual>
 template <typename Cost>
-void ExpansionMove<Capacity>::keep_flow(const BasicLabelingProblem<Cost>& problem,
-                                        std::span<Capacity> flow) const {
-  const std::size_t stride = problem.weight.size() == 1 ? 0 : 1;
-  for (std::size_t k = 0; k < edges_.size(); ++k) {
-    const auto e = static_cast<std::size_t>(edges_[k].index);
-    flow[e] = solver_.arc(arc_of_edge_[k]).backward - static_cast<Capacity>(problem.weight[e * stride]);
+void ExpansionMove<Capacity, Residual>::update_site(const BasicLabelingProblem<Cost>& problem,
+                                                    std::int32_t alpha, std::int32_t v, Flow& flow) const {
+  const auto terms = [](Role u, Role h, Residual weight, bool u_is_first) {
+    return takes_part(u) ? terms_of(u, h, weight, u_is_first) : Terms{0, 0, 0};
+  };
+  flow.excess[v] += data_excess(problem, v, roles_[v], alpha) - data_excess(problem, v, flow.roles[v], alpha);
+  for (std::int32_t a = rows_.begin_of(v); a < rows_.end_of(v); ++a) {
+    const auto [head, sister] = rows_.arc(a);
+    if (head > v && roles_[head] != flow.roles[head]) continue;  // its own update takes both changes in
+    const Residual weight = weight_at(a);
+    const Terms old_here = terms(flow.roles[v], flow.roles[head], weight, v < head);
+    const Terms old_there = terms(flow.roles[head], flow.roles[v], weight, head < v);
+    const Terms new_here = terms(roles_[v], roles_[head], weight, v < head);
+    const Terms new_there = terms(roles_[head], roles_[v], weight, head < v);
+    const auto along = static_cast<Residual>(old_here.forward - flow.residuals[a].forward);
+    const Residual kept_along =
+        std::clamp(along, static_cast<Residual>(-new_here.backward), new_here.forward);
+    flow.residuals[a] = {static_cast<Residual>(new_here.forward - kept_along),
+                         static_cast<Residual>(new_here.backward + kept_along)};
+    flow.residuals[sister] = {flow.residuals[a].backward, flow.residuals[a].forward};
+    const auto returned = static_cast<Capacity>(along - kept_along);
+    flow.excess[v] += new_here.excess - old_here.excess + returned;
+    flow.excess[head] += new_there.excess - old_there.excess - returned;
   }
-}
-
-// What the cut that keeps every label pays.
-template <typename Capacity>
-std::int64_t ExpansionMove<Capacity>::deficits() const {
-  std::int64_t sum = 0;
-  for (std::size_t v = 0; v < solver_.node_count(); ++v) sum -= std::min<std::int64_t>(0, solver_.excess(v));
-  return sum;
 }
 
 // No move gains more than this: edges between sites count nothing, and a label is either switched where that
 // pays, or wiped out at the price of all its sites.
-template <typename Capacity>
-std::int64_t ExpansionMove<Capacity>::gain_bound() const {
-  std::vector<std::int64_t> excess(hub_cost_.size(), 0);
+template <typename Capacity, typename Residual>
+std::int64_t ExpansionMove<Capacity, Residual>::gain_bound(const Flow& flow) const {
+  std::vector<std::int64_t> excess(hub_cost_.size() + 1, 0);  // by role, the first for sites without a part
   std::int64_t bound = 0;
-  for (std::size_t v = 0; v < solver_.node_count(); ++v) {
-    const std::int64_t value = solver_.excess(v);
-    if (value < 0) {
-      bound -= value;
-    } else {
-      excess[static_cast<std::size_t>(label_of_node_[v])] += value;
-    }
+  for (std::size_t v = 0; v < roles_.size(); ++v) {
+    const std::int64_t value = flow.excess[v];
+    bound -= std::min<std::int64_t>(0, value);
+    excess[std::max(roles_[v], -1) + 1] += std::max<std::int64_t>(0, value);
   }
-  for (std::size_t l = 0; l < hub_cost_.size(); ++l)
-    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l]);
+  for (std::size_t l = 0; l < hub_cost_.size(); ++l) {
+    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l + 1]);
+  }
   return bound;
 }
 

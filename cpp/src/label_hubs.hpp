@@ -26,20 +26,21 @@
 
 namespace emseg {
 
-template <typename Capacity>
+template <typename Capacity, typename Residual>
 class LabelHubs {
  public:
   // After solver.maximise(): takes in how much excess the kept sites of every label have.  node_label has one
   // entry per node; cost one per label, 0 where no hub is wanted.
-  void survey(const FlowSolver<Capacity>& solver, std::span<const std::int32_t> node_label,
+  void survey(const FlowSolver<Capacity, Residual>& solver, std::span<const std::int32_t> node_label,
               std::span<const std::int64_t> cost);
 
   // No wipe-out that the cut without hubs leaves open can gain more than this.
   std::int64_t gain_bound() const;
 
   // The exact gain of the best wipe-outs.  switches(v) then tells the sites that they switch on top of the
-  // cut's.
-  std::int64_t fill(FlowSolver<Capacity>& solver);
+  // cut's.  What sites served is given back in the end, so that their excess is again what the flow between
+  // sites leaves.
+  std::int64_t fill(FlowSolver<Capacity, Residual>& solver);
   bool switches(std::size_t v) const { return level_[v] >= 0; }
 
   bool is_wiped_by_cut(std::int32_t label) const { return kept_[static_cast<std::size_t>(label)] == 0; }
@@ -52,13 +53,13 @@ class LabelHubs {
   std::int32_t& level(std::int32_t vertex) { return level_[static_cast<std::size_t>(vertex)]; }
   std::int32_t& cursor(std::int32_t vertex) { return cursor_[static_cast<std::size_t>(vertex)]; }
 
-  void list_sites(const FlowSolver<Capacity>& solver);
-  void serve_from_own_sites(FlowSolver<Capacity>& solver);
-  bool search(const FlowSolver<Capacity>& solver);
-  void visit(const FlowSolver<Capacity>& solver, std::int32_t vertex, std::int32_t at);
-  void push_blocking_flow(FlowSolver<Capacity>& solver);
-  std::int32_t step(const FlowSolver<Capacity>& solver, std::int32_t vertex);
-  void push_along(FlowSolver<Capacity>& solver);
+  void list_sites(const FlowSolver<Capacity, Residual>& solver);
+  void serve_from_own_sites(FlowSolver<Capacity, Residual>& solver);
+  bool search(const FlowSolver<Capacity, Residual>& solver);
+  void visit(const FlowSolver<Capacity, Residual>& solver, std::int32_t vertex, std::int32_t at);
+  void push_blocking_flow(FlowSolver<Capacity, Residual>& solver);
+  std::int32_t step(const FlowSolver<Capacity, Residual>& solver, std::int32_t vertex);
+  void push_along(FlowSolver<Capacity, Residual>& solver);
 
   static constexpr std::int32_t kUnseen = -1;
   static constexpr std::int32_t kDead = -2;  // no way to an unserved hub is left in this phase
@@ -77,9 +78,10 @@ class LabelHubs {
   std::vector<std::int32_t> path_;
 };
 
-template <typename Capacity>
-void LabelHubs<Capacity>::survey(const FlowSolver<Capacity>& solver, std::span<const std::int32_t> node_label,
-                                 std::span<const std::int64_t> cost) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::survey(const FlowSolver<Capacity, Residual>& solver,
+                                           std::span<const std::int32_t> node_label,
+                                           std::span<const std::int64_t> cost) {
   node_count_ = static_cast<std::int32_t>(solver.node_count());
   label_ = node_label;
   demand_.assign(cost.begin(), cost.end());
@@ -96,16 +98,16 @@ void LabelHubs<Capacity>::survey(const FlowSolver<Capacity>& solver, std::span<c
   }
 }
 
-template <typename Capacity>
-std::int64_t LabelHubs<Capacity>::gain_bound() const {
+template <typename Capacity, typename Residual>
+std::int64_t LabelHubs<Capacity, Residual>::gain_bound() const {
   std::int64_t bound = 0;
   for (std::size_t l = 0; l < demand_.size(); ++l)
     bound += std::max<std::int64_t>(0, demand_[l] - supply_[l]);
   return bound;
 }
 
-template <typename Capacity>
-std::int64_t LabelHubs<Capacity>::fill(FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+std::int64_t LabelHubs<Capacity, Residual>::fill(FlowSolver<Capacity, Residual>& solver) {
   const std::size_t vertex_count = solver.node_count() + demand_.size();
   level_.assign(vertex_count, kUnseen);
   if (gain_bound() == 0) return 0;
@@ -115,13 +117,16 @@ std::int64_t LabelHubs<Capacity>::fill(FlowSolver<Capacity>& solver) {
   list_sites(solver);
   serve_from_own_sites(solver);
   while (search(solver)) push_blocking_flow(solver);
+  for (const std::int32_t v : sites_) {
+    solver.excess(static_cast<std::size_t>(v)) += static_cast<Capacity>(served_[static_cast<std::size_t>(v)]);
+  }
   std::int64_t gain = 0;
   for (const std::int64_t left : demand_) gain += left;
   return gain;
 }
 
-template <typename Capacity>
-void LabelHubs<Capacity>::list_sites(const FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::list_sites(const FlowSolver<Capacity, Residual>& solver) {
   sites_begin_.assign(kept_.size() + 1, 0);
   for (std::size_t l = 0; l < kept_.size(); ++l) sites_begin_[l + 1] = sites_begin_[l] + kept_[l];
   sites_.resize(static_cast<std::size_t>(sites_begin_.back()));
@@ -135,8 +140,8 @@ void LabelHubs<Capacity>::list_sites(const FlowSolver<Capacity>& solver) {
 
 // Where a label has more than its hub takes, every site gives its share, so that none runs dry and no later
 // path need go through the hub.
-template <typename Capacity>
-void LabelHubs<Capacity>::serve_from_own_sites(FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::serve_from_own_sites(FlowSolver<Capacity, Residual>& solver) {
   for (std::size_t l = 0; l < demand_.size(); ++l) {
     if (demand_[l] == 0) continue;
     const std::int64_t share = std::max<std::int64_t>(1, supply_[l] / demand_[l]);
@@ -154,8 +159,8 @@ void LabelHubs<Capacity>::serve_from_own_sites(FlowSolver<Capacity>& solver) {
 
 // Breadth-first from the unserved hubs against the flow, up to the nearest level with excess; false if there
 // is none, and then everything that can reach an unserved hub has been seen.
-template <typename Capacity>
-bool LabelHubs<Capacity>::search(const FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+bool LabelHubs<Capacity, Residual>::search(const FlowSolver<Capacity, Residual>& solver) {
   for (const std::int32_t vertex : seen_) level(vertex) = kUnseen;
   seen_.clear();
   for (std::size_t l = 0; l < demand_.size(); ++l) {
@@ -178,25 +183,26 @@ bool LabelHubs<Capacity>::search(const FlowSolver<Capacity>& solver) {
       continue;
     }
     for (std::int32_t a = solver.arcs_begin(vertex); a < solver.arcs_end(vertex); ++a) {
-      const auto& arc = solver.arc(a);
-      if (arc.backward > 0 && !solver.on_sink_side(static_cast<std::size_t>(arc.head)))
-        visit(solver, arc.head, next);
+      const std::int32_t head = solver.arc(a).head;
+      if (solver.residuals(a).backward > 0 && !solver.on_sink_side(static_cast<std::size_t>(head)))
+        visit(solver, head, next);
     }
     if (served_[v] > 0) visit(solver, hub_of(vertex), next);
   }
   return goal != kUnseen;
 }
 
-template <typename Capacity>
-void LabelHubs<Capacity>::visit(const FlowSolver<Capacity>& solver, std::int32_t vertex, std::int32_t at) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::visit(const FlowSolver<Capacity, Residual>& solver, std::int32_t vertex,
+                                          std::int32_t at) {
   if (level(vertex) != kUnseen) return;
   level(vertex) = at;
   cursor(vertex) = is_hub(vertex) ? sites_begin_[label_of(vertex)] : solver.arcs_begin(vertex);
   seen_.push_back(vertex);
 }
 
-template <typename Capacity>
-void LabelHubs<Capacity>::push_blocking_flow(FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::push_blocking_flow(FlowSolver<Capacity, Residual>& solver) {
   for (const std::int32_t start : seen_) {
     if (is_hub(start) || solver.excess(static_cast<std::size_t>(start)) == 0) continue;
     path_.assign(1, start);
@@ -221,8 +227,9 @@ void LabelHubs<Capacity>::push_blocking_flow(FlowSolver<Capacity>& solver) {
 
 // The vertex that the cursor of `vertex` leads to, one level nearer to an unserved hub, or kUnseen.
 // A node's cursor runs over its arcs and then its hub; a hub's, over the sites that served it.
-template <typename Capacity>
-std::int32_t LabelHubs<Capacity>::step(const FlowSolver<Capacity>& solver, std::int32_t vertex) {
+template <typename Capacity, typename Residual>
+std::int32_t LabelHubs<Capacity, Residual>::step(const FlowSolver<Capacity, Residual>& solver,
+                                                 std::int32_t vertex) {
   const std::int32_t wanted = level(vertex) - 1;
   if (wanted < 0) return kUnseen;
   std::int32_t& at = cursor(vertex);
@@ -234,14 +241,14 @@ std::int32_t LabelHubs<Capacity>::step(const FlowSolver<Capacity>& solver, std::
     return kUnseen;
   }
   for (; at < solver.arcs_end(vertex); ++at) {
-    const auto& arc = solver.arc(at);
-    if (arc.forward > 0 && level(arc.head) == wanted) return arc.head;
+    const std::int32_t head = solver.arc(at).head;
+    if (level(head) == wanted && solver.residuals(at).forward > 0) return head;
   }
   return level(hub_of(vertex)) == wanted ? hub_of(vertex) : kUnseen;
 }
 
-template <typename Capacity>
-void LabelHubs<Capacity>::push_along(FlowSolver<Capacity>& solver) {
+template <typename Capacity, typename Residual>
+void LabelHubs<Capacity, Residual>::push_along(FlowSolver<Capacity, Residual>& solver) {
   const auto start = static_cast<std::size_t>(path_.front());
   std::int64_t& demand = demand_[label_of(path_.back())];
   std::int64_t amount = std::min<std::int64_t>(demand, solver.excess(start));
@@ -249,7 +256,7 @@ void LabelHubs<Capacity>::push_along(FlowSolver<Capacity>& solver) {
     if (is_hub(path_[k])) {
       amount = std::min(amount, served_[static_cast<std::size_t>(path_[k + 1])]);
     } else if (!is_hub(path_[k + 1])) {
-      amount = std::min<std::int64_t>(amount, solver.arc(cursor(path_[k])).forward);
+      amount = std::min<std::int64_t>(amount, solver.residuals(cursor(path_[k])).forward);
     }
   }
   for (std::size_t k = 0; k + 1 < path_.size(); ++k) {

@@ -35,23 +35,30 @@ void check_nodes(const char* name, std::span<const std::int32_t> nodes, std::int
 
 template <typename Capacity>
 MaxFlowResult solve(const FlowGraph& graph) {
-  FlowSolver<Capacity> solver;
-  solver.begin(graph.source.size());
+  ArcRows rows;
+  rows.begin(graph.source.size());
   for (std::size_t e = 0; e < graph.tail.size(); ++e) {
-    if (graph.tail[e] != graph.head[e]) solver.count_edge(graph.tail[e], graph.head[e]);
+    if (graph.tail[e] != graph.head[e]) rows.count_edge(graph.tail[e], graph.head[e]);
   }
-  solver.allocate();
+  rows.allocate();
+  std::vector<Residuals<Capacity>> residuals(rows.arc_count());
   for (std::size_t e = 0; e < graph.tail.size(); ++e) {
     if (graph.tail[e] == graph.head[e]) continue;
-    solver.add_edge(graph.tail[e], graph.head[e], static_cast<Capacity>(graph.capacity[e]),
-                    static_cast<Capacity>(graph.reverse[e]));
+    const auto along = static_cast<Capacity>(graph.capacity[e]);
+    const auto against = static_cast<Capacity>(graph.reverse[e]);
+    const std::int32_t a = rows.add_edge(graph.tail[e], graph.head[e]);
+    residuals[static_cast<std::size_t>(a)] = {along, against};
+    residuals[static_cast<std::size_t>(rows.arc(a).sister)] = {against, along};
   }
+  std::vector<Capacity> excess(graph.source.size());
 
   MaxFlowResult result;
   for (std::size_t v = 0; v < graph.source.size(); ++v) {
     result.flow += std::min(graph.source[v], graph.sink[v]);  // straight through the node
-    solver.excess(v) = static_cast<Capacity>(graph.source[v] - graph.sink[v]);
+    excess[v] = static_cast<Capacity>(graph.source[v] - graph.sink[v]);
   }
+  FlowSolver<Capacity> solver;
+  solver.attach(rows, residuals, excess);
   solver.start();
   result.flow += solver.maximise();
   result.sink_side.resize(graph.source.size());

@@ -44,30 +44,31 @@ std::vector<Region> overlapping_tiles(Region plane, int side) {
   return tiles;
 }
 
-// Best velocities of the sub-volumes, strongest first, without near copies.
+// Best velocities of the sub-volumes, most significant first, without near copies.
 std::vector<MotionModel> propose_translations(const PointView& points, std::span<const std::uint8_t> positive,
                                               Region plane, const PoolOptions& options, ThreadPool& pool) {
   auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
   for (const Region& tile : overlapping_tiles(plane, options.tile)) regions.push_back(tile);
-  std::vector<VelocityScore> proposals;
-  for (const auto& found : sweep_velocities(points, positive, regions, plane, options.sweep, pool)) {
+  std::vector<RegionVelocity> proposals;
+  for (const auto& found : find_region_velocities(points, positive, regions, plane, options.search, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
   }
-  std::stable_sort(proposals.begin(), proposals.end(),
-                   [](const VelocityScore& a, const VelocityScore& b) { return a.score > b.score; });
+  std::stable_sort(proposals.begin(), proposals.end(), [](const RegionVelocity& a, const RegionVelocity& b) {
+    return a.significance > b.significance;
+  });
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   const double apart = options.same_motion / std::max(1e-9, window);  // px/s
-  std::vector<VelocityScore> kept{{0, 0, 0}};                         // no motion is always a candidate
-  for (const VelocityScore& proposal : proposals) {
+  std::vector<RegionVelocity> kept{{0, 0, 0}};                        // no motion is always a candidate
+  for (const RegionVelocity& proposal : proposals) {
     if (kept.size() >= options.max_candidates) break;
-    if (std::all_of(kept.begin(), kept.end(), [&](const VelocityScore& other) {
+    if (std::all_of(kept.begin(), kept.end(), [&](const RegionVelocity& other) {
           return std::hypot(other.vx - proposal.vx, other.vy - proposal.vy) > apart;
         })) {
       kept.push_back(proposal);
     }
   }
   std::vector<MotionModel> models;
-  for (const VelocityScore& velocity : kept) models.push_back(Translation{{velocity.vx, velocity.vy}});
+  for (const RegionVelocity& velocity : kept) models.push_back(Translation{{velocity.vx, velocity.vy}});
   return models;
 }
 
@@ -187,11 +188,11 @@ class PoolSearch {
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);
-      const MotionModel start = scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
-      const FitResult fit =
-          refine_motion(cluster.view(), start, half_frame_,
-                        fit_region(cluster.view(), start, half_frame_, halved(plane_)), coarse,
-                        contrast_workspaces_[static_cast<std::size_t>(worker)]);
+      const MotionModel start =
+          scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
+      const FitResult fit = refine_motion(cluster.view(), start, half_frame_,
+                                          fit_region(cluster.view(), start, half_frame_, halved(plane_)),
+                                          coarse, contrast_workspaces_[static_cast<std::size_t>(worker)]);
       models[i] = scaled(fit.model, 2);
     });
     return models;
@@ -243,8 +244,8 @@ class PoolSearch {
   std::vector<std::uint8_t> event_costs(int reference) const {
     std::vector<std::uint8_t> costs(count_levels);
     for (int count = 0; count < count_levels; ++count) {
-      costs[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(std::lround(
-          event_cost(options_.term, static_cast<float>(count), static_cast<float>(reference))));
+      costs[static_cast<std::size_t>(count)] = static_cast<std::uint8_t>(
+          std::lround(event_cost(options_.term, static_cast<float>(count), static_cast<float>(reference))));
     }
     return costs;
   }

@@ -36,32 +36,73 @@ MotionModel clamp_motion(const MotionModel& model, const MotionBounds& bounds, c
 
 namespace {
 
-// Parameters in which a step's length is the root-mean-square displacement, in px, that it makes between
-// early and late events: p = origin + transform u. A displacement that all times share moves the image, not
-// its contrast.
+// Coefficients that the warp is linear in, where it has such: a similarity's (1+s) cos(theta) - 1 and (1+s)
+// sin(theta) in place of s and theta, whose effects change with each other.
+Eigen::VectorXd coefficients_of(const MotionModel& model) {
+  const auto params = params_of(model);
+  Eigen::VectorXd coefficients =
+      Eigen::Map<const Eigen::VectorXd>(params.data(), static_cast<Eigen::Index>(params.size()));
+  if (kind_of(model) == MotionKind::similarity) {
+    coefficients[2] = (1 + params[2]) * std::cos(params[3]) - 1;
+    coefficients[3] = (1 + params[2]) * std::sin(params[3]);
+  }
+  return coefficients;
+}
+
+// The model with these coefficients; of the two similarities that have them the one that turns as `like`
+// does.
+MotionModel model_with(const Eigen::VectorXd& coefficients, const MotionModel& like) {
+  Eigen::VectorXd params = coefficients;
+  if (kind_of(like) == MotionKind::similarity) {
+    const double sign = 1 + params_of(like)[2] < 0 ? -1 : 1;
+    params[2] = sign * std::hypot(1 + coefficients[2], coefficients[3]) - 1;
+    params[3] = std::atan2(sign * coefficients[3], sign * (1 + coefficients[2]));
+  }
+  return make_motion(kind_of(like), {params.data(), static_cast<std::size_t>(params.size())});
+}
+
+// Derivatives of the parameters by the coefficients.
+Eigen::MatrixXd params_by_coefficients(const MotionModel& model) {
+  const auto params = params_of(model);
+  const auto dof = static_cast<Eigen::Index>(params.size());
+  Eigen::MatrixXd derivatives = Eigen::MatrixXd::Identity(dof, dof);
+  if (kind_of(model) == MotionKind::similarity) {
+    const double c = std::cos(params[3]), s = std::sin(params[3]);
+    // A similarity that shrinks all to a point within a second has no angle; near it, angles count little.
+    const double gain = std::copysign(std::max(1e-3, std::abs(1 + params[2])), 1 + params[2]);
+    derivatives.bottomRightCorner<2, 2>() << c, s, -s / gain, c / gain;
+  }
+  return derivatives;
+}
+
+// Coordinates in which a step's length is the root-mean-square displacement, in px, that it makes between
+// early and late events: coefficients = origin + to_coefficients u.  A displacement that all times share
+// moves the image, not its contrast.
 struct PixelUnits {
   Eigen::VectorXd origin;
-  Eigen::MatrixXd to_params, to_pixels;
+  Eigen::MatrixXd to_coefficients, to_pixels;
 
-  PixelUnits(const PointView& points, const MotionModel& model, const WarpFrame& frame) {
-    const auto params = params_of(model);
-    origin = Eigen::Map<const Eigen::VectorXd>(params.data(), static_cast<Eigen::Index>(params.size()));
-    Eigen::MatrixXd gram = displacement_gram(points, model, frame);
+  PixelUnits(const PointView& points, const MotionModel& model, const WarpFrame& frame)
+      : origin(coefficients_of(model)) {
+    const Eigen::MatrixXd by_coefficients = params_by_coefficients(model);
+    Eigen::MatrixXd gram =
+        by_coefficients.transpose() * displacement_gram(points, model, frame) * by_coefficients;
     // What no event depends on must not make the matrix singular.
     gram.diagonal() += (1e-6 * gram.diagonal()).cwiseMax(1e-18);
     const Eigen::LLT<Eigen::MatrixXd> cholesky(gram);
     to_pixels = cholesky.matrixU();
-    to_params =
+    to_coefficients =
         to_pixels.triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(gram.rows(), gram.cols()));
   }
 
-  MotionModel model_at(MotionKind kind, const Eigen::VectorXd& u) const {
-    const Eigen::VectorXd params = origin + to_params * u;
-    return make_motion(kind, {params.data(), static_cast<std::size_t>(params.size())});
+  MotionModel model_at(const Eigen::VectorXd& u, const MotionModel& like) const {
+    return model_with(origin + to_coefficients * u, like);
   }
   Eigen::VectorXd pixels_of(const MotionModel& model) const {
-    const auto params = params_of(model);
-    return to_pixels * (Eigen::Map<const Eigen::VectorXd>(params.data(), origin.size()) - origin);
+    return to_pixels * (coefficients_of(model) - origin);
+  }
+  Eigen::VectorXd gradient_by_pixels(const MotionModel& model, const Eigen::VectorXd& by_params) const {
+    return to_coefficients.transpose() * (params_by_coefficients(model).transpose() * by_params);
   }
 
  private:
@@ -102,8 +143,7 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
   FitResult best;
   best.model = clamp_motion(start, options.bounds, frame);
   if (points.size() == 0 || region.area() == 0) return best;
-  const MotionKind kind = kind_of(start);
-  const Eigen::Index dof = dof_of(kind);
+  const Eigen::Index dof = dof_of(kind_of(start));
   const PixelUnits units(points, best.model, frame);
 
   // The logarithm of the contrast is maximised: steps are in px, gains are relative.
@@ -117,8 +157,8 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     ++best.evaluations;
     Evaluation evaluation{result.value, Eigen::VectorXd::Zero(dof)};
     if (result.value > 0) {
-      evaluation.gradient = units.to_params.transpose() *
-                            Eigen::Map<const Eigen::VectorXd>(result.gradient.data(), dof) / result.value;
+      evaluation.gradient = units.gradient_by_pixels(
+          model, Eigen::Map<const Eigen::VectorXd>(result.gradient.data(), dof) / result.value);
     }
     return evaluation;
   };
@@ -148,9 +188,9 @@ FitResult refine_motion(const PointView& points, const MotionModel& start, const
     Eigen::VectorXd next_u;
     Evaluation next{};
     bool risen = false;
-    while (step * direction.norm() >= 0.2 * options.tolerance) {
+    while (step * direction.norm() >= options.tolerance) {
       const MotionModel trial =
-          clamp_motion(units.model_at(kind, u + step * direction), options.bounds, frame);
+          clamp_motion(units.model_at(u + step * direction, best.model), options.bounds, frame);
       next_u = units.pixels_of(trial);
       next = evaluate(trial);
       // Bounds may have bent the step away from the gradient; it must rise all the same.
@@ -205,6 +245,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
                                           MotionKind kind, const WarpFrame& frame, Region plane,
                                           double max_speed) {
   constexpr int parts = 4;
+  constexpr std::size_t events_per_part = 300;  // that look for partners
   struct Part {
     Points points;
     std::vector<std::uint8_t> positive;
@@ -226,7 +267,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
       const Part& part = members[static_cast<std::size_t>(j * parts + i)];
       const Region area{plane.x0 + plane.width * i / parts, plane.y0 + plane.height * j / parts,
                         plane.width / parts + 1, plane.height / parts + 1};
-      const auto found = find_velocities(part.points.view(), part.positive, area, max_speed);
+      const auto found = find_velocities(part.points.view(), part.positive, area, max_speed, events_per_part);
       if (found.empty()) continue;
       const auto x = static_cast<float>(area.x0 + 0.5 * (area.width - 1));
       const auto y = static_cast<float>(area.y0 + 0.5 * (area.height - 1));
@@ -256,7 +297,7 @@ std::optional<MotionModel> field_of_parts(const PointView& points, std::span<con
 std::vector<MotionModel> promising(std::vector<MotionModel> starts, const PointView& points,
                                    std::span<const std::uint8_t> positive, const WarpFrame& frame,
                                    Region plane) {
-  constexpr std::size_t events = 4000;  // that tell starts apart
+  constexpr std::size_t events = 2000;  // that tell starts apart
   constexpr double share = 0.8;         // of the best's pairs
   constexpr std::size_t most = 3;
   constexpr double apart = 0.5;  // px; nearer starts lead to one end

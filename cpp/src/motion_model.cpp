@@ -1,7 +1,7 @@
 #include "emseg/motion_model.hpp"
 
-#include <algorithm>
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cassert>
 #include <stdexcept>
 #include <string>

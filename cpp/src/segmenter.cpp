@@ -163,16 +163,16 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   refine.contrast = {ContrastMeasure::mean_square, options_.sigma};
   refine.bounds = options_.bounds;
   const auto share = static_cast<double>(sampled.size()) / static_cast<double>(n);
-  const double label_cost = share * (options_.lambda_label
-                                         ? *options_.lambda_label
-                                         : options_.lambda_label_per_event * static_cast<double>(n));
+  const double label_cost =
+      share * (options_.lambda_label ? *options_.lambda_label
+                                     : options_.lambda_label_per_event * static_cast<double>(n));
   std::vector<MotionModel> models = prior.pool;
   if (models.empty()) {
     PoolOptions pool;
     pool.bracket_row = options_.bracket_row;
     pool.bracket_col = options_.bracket_col;
     pool.kinds = options_.kinds;
-    pool.sweep.max_speed = options_.bounds.speed;
+    pool.search.max_speed = options_.bounds.speed;
     pool.refine = refine;
     pool.term = options_.data_term;
     pool.lambda_data = options_.lambda_data;
@@ -216,7 +216,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
                                   gaussian_taps(options_.sigma));
   }
   if (options_.mark_noise) {
-    const auto lonely = find_lonely_events(all_points.view(), result.labels, result.models, frame_, plane_, 1);
+    const auto lonely =
+        find_lonely_events(all_points.view(), result.labels, result.models, frame_, plane_, 1);
     for (std::size_t k = 0; k < n; ++k) {
       if (lonely[k]) result.labels[k] = noise_label;
     }
@@ -226,8 +227,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   result.reference_sharpness = alternation.reference();
   const double longest = static_cast<double>(window_options_.max_duration_us);
   const double duration_us = std::min(1e6 * seconds_between(events.t.front(), events.t.back()), longest);
-  result.next_duration_us =
-      next_duration(std::llround(duration_us), typical_displacement(all_points.view(), result), window_options_);
+  result.next_duration_us = next_duration(std::llround(duration_us),
+                                          typical_displacement(all_points.view(), result), window_options_);
   clock.lap("extension");
   result.thinned = n - sampled.size();
   return result;

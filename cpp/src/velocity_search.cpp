@@ -10,7 +10,7 @@ namespace emseg {
 namespace {
 
 constexpr int reach = patch_reach;          // px that a displacement is looked for, either way
-constexpr std::size_t most_events = 1500;   // that look for partners at each lag
+constexpr std::size_t most_events = 8000;   // that may look for partners at each lag
 constexpr int slices_per_lag = 8;           // a motion of `reach` px a lag smears a slice over two pixels
 constexpr std::uint16_t most_at_pixel = 8;  // more do not count: a hot pixel is not a motion
 constexpr double least_significance = 6;    // the largest by chance, among all displacements, is about 4
@@ -65,13 +65,15 @@ std::vector<Peak> peaks_of(const Displacements& counts, int limit, std::size_t m
 
 class PairSearch {
  public:
-  PairSearch(const PointView& points, std::span<const std::uint8_t> positive, Region plane)
+  PairSearch(const PointView& points, std::span<const std::uint8_t> positive, Region plane,
+             std::size_t max_events)
       : points_(points),
         positive_(positive),
+        max_events_(std::min(max_events, most_events)),
         padded_(expanded(plane, margin, margin)),
         pixels_(padded_.area()) {}
 
-  // Displacements between events `lag` apart, once moved back by a velocity.
+  // Displacements between events `lag` apart beyond those of a velocity.
   const Displacements& displacements(double lag, double vx, double vy) {
     counts_.fill(0);
     const double first = points_.dt.front(), window = points_.dt.back() - first;
@@ -81,20 +83,22 @@ class PairSearch {
     const double share = (window - lag) / window;
     const double expected =
         std::max(1.0, static_cast<double>(points_.size()) * share / static_cast<double>(slices));
-    const auto used = std::clamp<std::size_t>(static_cast<std::size_t>(most_events / expected), 1, slices);
-    std::size_t budget = most_events;
+    const auto used = std::clamp<std::size_t>(
+        static_cast<std::size_t>(static_cast<double>(max_events_) / expected), 1, slices);
+    std::size_t budget = max_events_;
     for (std::size_t s = 0; s < used && budget > 0; ++s) {
       const double start = first + static_cast<double>((2 * s + 1) * slices / (2 * used)) * slice;
       const auto [a, a_end] = between(start, start + slice);
       const auto [b, b_end] = between(start + lag, start + lag + slice);
       if (a == a_end || b == b_end) continue;
+      const double middle = start + 0.5 * slice;
       for (const bool polarity : {false, true}) {
-        moved(b, b_end, polarity, vx, vy, start + lag + 0.5 * slice, later_);
+        moved(b, b_end, polarity, vx, vy, middle, later_);
         for (const std::int32_t at : later_) {
           auto& count = pixels_[static_cast<std::size_t>(at)];
           count = std::min<std::uint16_t>(most_at_pixel, static_cast<std::uint16_t>(count + 1));
         }
-        moved(a, a_end, polarity, vx, vy, start + 0.5 * slice, earlier_);
+        moved(a, a_end, polarity, vx, vy, middle, earlier_);
         if (earlier_.size() > budget) earlier_.resize(budget);
         budget -= earlier_.size();
         for (std::int32_t& at : earlier_) at -= reach * padded_.width + reach;  // where its patch begins
@@ -139,6 +143,7 @@ class PairSearch {
 
   const PointView& points_;
   std::span<const std::uint8_t> positive_;
+  std::size_t max_events_;
   Region padded_;
   std::vector<std::uint16_t> pixels_;
   std::vector<std::int32_t> earlier_, later_;
@@ -148,7 +153,7 @@ class PairSearch {
 }  // namespace
 
 std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<const std::uint8_t> positive,
-                                           Region plane, double max_speed) {
+                                           Region plane, double max_speed, std::size_t max_events) {
   std::vector<FoundVelocity> found;
   if (points.size() < 2) return found;
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
@@ -157,7 +162,7 @@ std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<co
   constexpr std::size_t most_lags = 16;
   while (lags.back() * max_speed > reach && lags.size() < most_lags) lags.push_back(lags.back() / 3);
 
-  PairSearch search(points, positive, plane);
+  PairSearch search(points, positive, plane, max_events);
   for (std::size_t j = 0; j < lags.size(); ++j) {
     const int limit = static_cast<int>(std::min<double>(reach, std::ceil(max_speed * lags[j]) + 1));
     for (const Peak& peak : peaks_of(search.displacements(lags[j], 0, 0), limit, most_velocities)) {

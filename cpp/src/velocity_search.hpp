@@ -19,9 +19,10 @@ struct FoundVelocity {
 //
 // Slices of the window are correlated with slices `lag` later: each pair of events votes for its
 // displacement. The longest lag is half the window; shorter ones, by thirds, reach faster motions, which are
-// then followed back to the longest.  Points are sorted by dt; those outside `plane` do not count.
+// then followed back to the longest.  `max_events`, at most 8000, of each lag look for partners.  Points are
+// sorted by dt; those outside `plane` do not count.
 std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<const std::uint8_t> positive,
-                                           Region plane, double max_speed);
+                                           Region plane, double max_speed, std::size_t max_events = 1000);
 
 // Pairs of events, of at most `max_events` evenly thinned ones, that a model brings into one cell of 2 px and
 // one polarity.

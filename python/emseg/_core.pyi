@@ -22,6 +22,7 @@ __all__: list[str] = [
     "Segmenter",
     "SegmenterOptions",
     "WarpFrame",
+    "band_expansion",
     "check_events",
     "contrast",
     "decode_libcaer_packet",
@@ -33,7 +34,8 @@ __all__: list[str] = [
     "iwe",
     "labeling_energy",
     "max_flow",
-    "sweep_velocities",
+    "simd_level",
+    "simd_levels",
     "version",
     "warp",
     "windows_by_count",
@@ -295,6 +297,7 @@ class SegmenterOptions:
         num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
         num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
         sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        max_events: typing.SupportsInt | typing.SupportsIndex | None = 60000,
         mark_noise: bool = True,
         threads: typing.SupportsInt | typing.SupportsIndex = 0,
     ) -> None:
@@ -324,6 +327,8 @@ class SegmenterOptions:
     @property
     def mark_noise(self) -> bool: ...
     @property
+    def max_events(self) -> int | None: ...
+    @property
     def num_iter_labeling(self) -> int: ...
     @property
     def num_iter_segmentation(self) -> int: ...
@@ -350,6 +355,8 @@ class Segmentation:
     def reference_sharpness(self) -> float: ...
     @property
     def t_ref(self) -> int: ...
+    @property
+    def thinned(self) -> int: ...
     @property
     def timings(self) -> list[tuple[str, float]]: ...
 
@@ -393,6 +400,22 @@ class Segmenter:
         """
         One past the last event of a window of this duration; 0 is judged from the events.
         """
+
+def band_expansion(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    unary: numpy.typing.NDArray[numpy.int32],
+    smooth_cost: typing.SupportsInt | typing.SupportsIndex,
+    label_cost: numpy.typing.NDArray[numpy.int64],
+    initial: numpy.typing.NDArray[numpy.int32],
+) -> tuple[numpy.typing.NDArray[numpy.int32], int]:
+    """
+    Labels of a window from coarse to fine, and their energy; unary is (labels, events).
+    """
 
 def check_events(
     x: numpy.typing.NDArray[numpy.uint16],
@@ -563,21 +586,14 @@ def max_flow(
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
     """
 
-def sweep_velocities(
-    x: numpy.typing.NDArray[numpy.float32],
-    y: numpy.typing.NDArray[numpy.float32],
-    dt: numpy.typing.NDArray[numpy.float32],
-    p: numpy.typing.NDArray[numpy.uint8],
-    width: typing.SupportsInt | typing.SupportsIndex,
-    height: typing.SupportsInt | typing.SupportsIndex,
-    regions: collections.abc.Sequence[
-        typing.Annotated[collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(4)"]
-    ],
-    max_speed: typing.SupportsFloat | typing.SupportsIndex,
-    threads: typing.SupportsInt | typing.SupportsIndex,
-) -> list[list[typing.Annotated[list[float], "FixedSize(3)"]]]:
+def simd_level() -> str:
     """
-    Best velocities (vx, vy, score) of each region (x0, y0, width, height), best first.
+    Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.
+    """
+
+def simd_levels() -> list[str]:
+    """
+    Levels that this processor runs, ascending.
     """
 
 def warp(

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, Literal, NoReturn
@@ -244,7 +244,7 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
                 "height": events.height,
             },
             **identity,
-            "config": job.config.model_dump(),
+            "config": asdict(job.config),
             "seed": job.config.seed,
             "version": emseg.__version__,
             "commit": _commit(),
@@ -293,7 +293,7 @@ def _segmenter(job: Job, events: EventArray) -> Any:
             raise _JobError(f"{job.source}: {error}") from None
     config = job.config
     if config.threads == 0:
-        config = config.model_copy(update={"threads": job.threads})
+        config = replace(config, threads=job.threads)
     return factory(width=events.width, height=events.height, camera=camera, config=config)
 
 

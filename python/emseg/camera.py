@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, fields
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from emseg import _core
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 DistortionModel = Literal["radtan", "equidistant"]
 
@@ -122,6 +123,8 @@ class Camera:
             OSError: the file cannot be read.
             ValueError: it holds no camera; the message names the file.
         """
+        from pathlib import Path  # slow to import, as yaml is
+
         path = Path(path)
         is_yaml = path.suffix.lower() in (".yaml", ".yml")
         values = _read_yaml(path, name) if is_yaml else _read_text(path)
@@ -146,6 +149,8 @@ def _number(name: str, value: object) -> float:
 
 
 def _read_yaml(path: Path, name: str | None) -> dict[str, Any]:
+    import yaml  # slow to import, and cameras rarely come from files
+
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -31,20 +31,74 @@ def bounding_box(positions: npt.NDArray[np.float32]) -> Box:
     return x, y, float(high[0]) - x + 1, float(high[1]) - y + 1
 
 
+def connected_components(occupied: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Component of every occupied cell of a small grid, diagonal neighbours joined; -1 elsewhere.
+
+    Components are numbered from 0 by their first cell in raster order.  SciPy's `label` does the same, but
+    importing it takes longer than segmenting many windows.
+    """
+    height, width = occupied.shape
+    nobody = occupied.size
+    first = np.full((height + 2, width + 2), nobody)
+    inner = first[1:-1, 1:-1]
+    inner[occupied] = np.flatnonzero(occupied)
+    while True:  # every cell takes the first cell known around it, until nothing changes
+        rows = np.minimum(np.minimum(first[:-2], first[1:-1]), first[2:])
+        around = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+        around[~occupied] = nobody
+        if np.array_equal(around, inner):
+            break
+        inner[:] = around
+    components = np.full(occupied.shape, -1)
+    components[occupied] = np.unique(inner[occupied], return_inverse=True)[1]
+    return components
+
+
+def best_pairs(gain: npt.NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Pairs of a row and a column with the largest total gain (rows, columns), each used at most once.
+
+    Rows are added one by one along shortest augmenting paths (Jonker & Volgenant, Computing 38, 1987), as in
+    SciPy's `linear_sum_assignment`, whose import would take longer than segmenting many windows.
+    """
+    if gain.shape[0] > gain.shape[1]:
+        return sorted((row, column) for column, row in best_pairs(gain.T))
+    rows, columns = gain.shape
+    row_price, price = np.zeros(rows), np.zeros(columns)  # dual: row_price + price ≤ -gain
+    row_of = np.full(columns, -1)
+    for added in range(rows):
+        reach, came_from = np.full(columns, np.inf), np.full(columns, -1)
+        done = np.zeros(columns, bool)
+        row, column, length = added, -1, 0.0
+        while row >= 0:  # grow the tree of shortest paths until it reaches a free column
+            through = length - gain[row] - row_price[row] - price
+            nearer = ~done & (through < reach)
+            reach[nearer], came_from[nearer] = through[nearer], column
+            column = int(np.argmin(np.where(done, np.inf, reach)))
+            length = float(reach[column])
+            done[column] = True
+            row = int(row_of[column])
+        row_price[added] += length
+        settled = done & (row_of >= 0)
+        row_price[row_of[settled]] += length - reach[settled]
+        price[done] -= length - reach[done]
+        while column >= 0:  # each column on the path takes the row of the one before it
+            before = int(came_from[column])
+            row_of[column] = added if before < 0 else row_of[before]
+            column = before
+    return sorted((int(row_of[column]), int(column)) for column in np.flatnonzero(row_of >= 0))
+
+
 def split_apart(positions: npt.NDArray[np.float32], gap: int) -> npt.NDArray[np.intp]:
     """Part of every position (n, 2): positions of two parts lie more than about `gap` px apart.
 
     Parts are numbered from 0, largest first.  Crumbs, with less than 30 positions or a twenty-fifth of the
     largest part's, are numbered -1.
     """
-    from scipy.ndimage import label as connected_components
-
     cells = np.floor(positions / gap).astype(np.intp)
     cells -= cells.min(axis=0)
     occupied = np.zeros(cells.max(axis=0) + 1, bool)
     occupied[cells[:, 0], cells[:, 1]] = True
-    components, _ = connected_components(occupied, structure=np.ones((3, 3)))
-    part = components[cells[:, 0], cells[:, 1]] - 1
+    part = connected_components(occupied)[cells[:, 0], cells[:, 1]]
     sizes = np.bincount(part)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty_like(order)
@@ -138,12 +192,10 @@ class Tracker:
 
     def _match(self, boxes: list[Box], t_ref: int) -> list[int]:
         """Numbers of the boxes: that of the track whose predicted box overlaps, each once; else new ones."""
-        from scipy.optimize import linear_sum_assignment
-
         numbers = [0] * len(boxes)
         if boxes and self._tracks:
             gain = np.array([[_overlap(box, t.predicted(t_ref)) for t in self._tracks] for box in boxes])
-            for i, j in zip(*linear_sum_assignment(-gain), strict=True):
+            for i, j in best_pairs(gain):
                 if gain[i, j] > 0.1:
                     numbers[i] = self._tracks[j].number
         for i, number in enumerate(numbers):

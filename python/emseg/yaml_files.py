@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable
 from os import PathLike
-from pathlib import Path
 from typing import Any, Final
-
-import yaml
 
 __all__ = ["ConfigError", "nearest", "read_yaml"]
 
@@ -25,6 +21,8 @@ class ConfigError(ValueError):
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """A hint at the known name that is nearest to an unknown one; "" where none is near."""
+    import difflib  # slow to import, and needed after a mistake only
+
     by_lower_case: dict[str, str] = {}
     for key in known:
         by_lower_case.setdefault(key.lower(), key)
@@ -38,8 +36,11 @@ def read_yaml(path: str | PathLike[str]) -> dict[str, Any]:
     Raises:
         ConfigError: naming the file and the line.
     """
+    import yaml  # slow to import, and settings rarely come from files
+
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        with open(path, encoding="utf-8-sig") as file:
+            text = file.read()
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:

@@ -40,6 +40,99 @@ def test_stages(tmp_path: Path) -> None:
     assert {"graph", "model_pool", "labels", "refit"} <= set(row["stages_wall_s"])
 
 
+def test_sequences(tmp_path: Path) -> None:
+    arguments = ("--scenes", "made_scene", "cars", "--seconds", "0.06")
+    printed, written = run_bench("sequences", *arguments, json_path=tmp_path / "sequences.json")
+    assert "made_scene" in printed
+    made, cars = written["recordings"]
+    for row in (made, cars):
+        assert [run["threads"] for run in row["runs"]] == [1, 2]
+        for run in row["runs"]:
+            assert run["windows"] >= 1
+            assert run["wall_s"] * run["mega_events_a_second"] * 1e6 == pytest.approx(row["events"])
+            assert run["latency_p50_s"] <= run["latency_p95_s"] <= run["wall_s"]
+            assert run["real_time_factor"] == pytest.approx(row["seconds"] / run["wall_s"])
+        assert row["cold"]["cpu_s"] > 0
+    assert made["warm"]["moving_iou_oracle_windows"] == made["runs"][0]["windows"]
+    assert made["warm"]["moving_iou_oracle"] > 0.5
+    assert made["cold"]["moving_iou_oracle"] > 0.5
+    assert cars["warm"] == {}  # its truth is boxes
+
+
+def test_sequences_notice_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench import recordings
+    from bench.sequences import check_run, check_same
+
+    import emseg
+
+    recording = recordings.load("made_scene", 0.02)
+    half = len(recording.events) // 2
+    cold = [emseg.segment(part) for part in (recording.events[:half], recording.events[half:])]
+    one, two = (seg.relabelled(seg.labels, seg.models, start=k * half) for k, seg in enumerate(cold))
+    check_run(recording, [one, two])
+    check_same(recording, [one, two], [one, two])
+    wrong = {
+        f"windows end at {half}": [one],
+        "follows one that ends at 0": [two],
+        f"follows one that ends at {half}": [one, one],
+    }
+    for message, windows in wrong.items():
+        with pytest.raises(AssertionError, match=message):
+            check_run(recording, windows)
+    with pytest.raises(AssertionError, match="1 windows, 2 by"):
+        check_same(recording, [one], [one, two])
+    other = two.relabelled(1 - two.labels, two.models, start=two.start)
+    with pytest.raises(AssertionError, match="depend on the number of threads"):
+        check_same(recording, [one, two], [one, other])
+
+
+def test_growth(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="plots need the extra 'viz'")
+    arguments = ("--events", "2000", "6000", "--size", "200x150", "--pools", "4", "8", "--repeats", "1")
+    plots = ("--plot", str(tmp_path / "plots"))
+    printed, written = run_bench("growth", *arguments, *plots, json_path=tmp_path / "growth.json")
+    assert "exponent of the events" in printed
+    assert [row["events"] for row in written["events"]] == [2000, 6000]
+    for row in (*written["events"], *written["pools"]):
+        assert sum(row["stages_cpu_s"].values()) == pytest.approx(row["cpu_s"])
+    assert all(row["peak_mb_over_events"] > 0 for row in written["events"])
+    assert written["events"][1]["accuracy"] > 0.8
+    assert [row["threads"] for row in written["threads"]] == [1, 2]
+    assert len(list((tmp_path / "plots").glob("*.svg"))) == 3
+
+
+def test_growth_finds_the_exponents_of_power_laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.growth import exponents, local_exponents
+
+    rows = [{"events": n, "cpu_s": 3e-6 * n**1.5, "stages_cpu_s": {"graph": 2.0 * n}} for n in (10, 100, 700)]
+    assert exponents(rows, "events") == pytest.approx({"all": 1.5, "graph": 1.0})
+    assert local_exponents(rows, "events") == [None, pytest.approx(1.5), pytest.approx(1.5)]
+
+
+def test_outlines_move_alike_for_any_number_of_events(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the true labels hold is sharpest under its true motion."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.moving_outlines import VELOCITIES, moving_outlines
+
+    import emseg
+
+    for count in (5000, 20_000):
+        window = moving_outlines(count, 320, 240)
+        assert len(window.events) == count
+        assert window.truth is not None
+        assert np.count_nonzero(window.truth == -1) == count // 50
+        for label in range(len(VELOCITIES)):
+            own = window.events[window.truth == label]
+            assert len(own) > count / 25
+            sharpness = [
+                float(emseg.iwe(own, emseg.MotionModel("translation", v), 25_000).var())
+                for v in (*VELOCITIES, (0.0, 0.0))
+            ]
+            assert int(np.argmax(sharpness)) == label
+
+
 def test_kernels(tmp_path: Path) -> None:
     printed, written = run_bench("kernels", "--events", "1000", json_path=tmp_path / "kernels.json")
     rows = written["rows"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -129,7 +130,7 @@ def test_alternation_betters_models_that_start_a_pixel_off():
     events, truth = two_motions()
     off = [emseg.MotionModel("translation", velocity) for velocity in ((150.0, -85.0), (-125.0, 115.0))]
     config = emseg.Config(**PLAIN, hybrid_model_combination="2d")
-    once = emseg.segment(events, config=config.model_copy(update={"num_iter_segmentation": 1}), pool=off)
+    once = emseg.segment(events, config=replace(config, num_iter_segmentation=1), pool=off)
     found = emseg.segment(events, config=config, pool=off)
     assert found.energy <= once.energy < once.energy_trace[0]
     for model, start, velocity in zip(found.models, off, ((120.0, -60.0), (-150.0, 140.0)), strict=True):
@@ -165,8 +166,8 @@ def test_a_shift_in_time_changes_nothing(shift):
 def test_threads_change_nothing(name, threads):
     events, _ = two_motions()
     config = CONFIGS[name]
-    one = emseg.segment(events, config=config.model_copy(update={"threads": 1}))
-    assert same_result(one, emseg.segment(events, config=config.model_copy(update={"threads": threads})))
+    one = emseg.segment(events, config=replace(config, threads=1))
+    assert same_result(one, emseg.segment(events, config=replace(config, threads=threads)))
 
 
 def test_a_segmenter_used_before_gives_the_same_as_a_fresh_one():

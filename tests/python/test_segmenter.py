@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -126,7 +127,7 @@ def test_threads_change_nothing(rule):
     events = recording("made_scene")[:30_000]
     results = []
     for threads in (1, 2, 7):
-        config = WINDOW_RULES[rule].model_copy(update={"threads": threads})
+        config = replace(WINDOW_RULES[rule], threads=threads)
         windows = list(emseg.Segmenter(events.width, events.height, config=config).run(events))
         results.append(([w.stop for w in windows], np.concatenate([w.labels for w in windows]).tolist()))
     assert results[0] == results[1] == results[2]

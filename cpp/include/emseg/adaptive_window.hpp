@@ -3,7 +3,7 @@
 
 #include "emseg/event.hpp"
 #include "emseg/parallel.hpp"
-#include "emseg/velocity_sweep.hpp"
+#include "emseg/region_velocities.hpp"
 
 namespace emseg {
 

@@ -5,7 +5,7 @@
 
 #include "emseg/data_term.hpp"
 #include "emseg/motion_fit.hpp"
-#include "emseg/velocity_sweep.hpp"
+#include "emseg/region_velocities.hpp"
 
 namespace emseg {
 
@@ -13,7 +13,7 @@ struct PoolOptions {
   int bracket_row = 6;                                    // h = 1..bracket_row sub-volumes down the image
   int bracket_col = 6;                                    // and as many across
   std::vector<MotionKind> kinds{MotionKind::similarity};  // kinds that a label may have
-  SweepOptions sweep;
+  RegionVelocityOptions search;
   RefineOptions refine;
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
@@ -34,9 +34,9 @@ struct PoolOptions {
 std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 
 // The motions that together explain the window's events for the least cost: data cost plus lambda_label a
-// model. The candidates of all sub-volumes come from one velocity sweep; a greedy facility location over
-// blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the events of their
-// blocks and chosen again. Never empty.  Deterministic for any number of threads.
+// model. The candidates of all sub-volumes come from one pass over pairs of events; a greedy facility
+// location over blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the
+// events of their blocks and chosen again. Never empty.  Deterministic for any number of threads.
 std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool);

@@ -46,7 +46,7 @@ struct Segmentation {
   std::vector<std::int64_t> energy_trace;
   double reference_sharpness = 0;  // G_ref of the data term, fixed for the window
   std::int64_t next_duration_us =
-      0;  // that a window after this one should have, by the motion found in this one
+      0;                    // that a window after this one should have, by the motion found in this one
   std::size_t thinned = 0;  // events that were not among those that motions and labels were found on
   StageTimes timings;
 };

@@ -1,4 +1,6 @@
 // Symmetric filters of rows, and sums over rows.
+#include <utility>
+
 #include "kernels/kernels.hpp"
 #include "kernels/vector.hpp"
 
@@ -39,6 +41,48 @@ inline void filter_row_of(const float* row, std::size_t n, const float* taps, fl
         return sum;
       });
 }
+
+#if defined(__AVX512F__)
+// Elements Shift .. Shift + 15 of two vectors in a row.
+template <int Shift, int... I>
+inline Floats shifted(Floats low, Floats high, std::integer_sequence<int, I...>) {
+  return __builtin_shufflevector(low, high, (Shift + I)...);
+}
+
+template <int Radius, int... D>
+inline Floats filtered_between(const float* tap, Floats before, Floats here, Floats after,
+                               std::integer_sequence<int, D...>) {
+  constexpr std::make_integer_sequence<int, lanes> all;
+  Floats sum = tap[0] * here;
+  ((sum += tap[D + 1] * (shifted<lanes - 1 - D>(before, here, all) + shifted<D + 1>(here, after, all))), ...);
+  return sum;
+}
+
+// As above, with shifted vectors made of whole ones: a load of 64 bytes anywhere else straddles two cache
+// lines.
+template <int Radius>
+inline void filter_long_row_of(const float* row, std::size_t n, const float* taps, float* filtered) {
+  if (n < 3 * lanes) return filter_row_of<Radius>(row, n, taps, filtered);
+  float tap[Radius + 1];
+  for (int d = 0; d <= Radius; ++d) tap[d] = taps[d];
+  filter_row_of<Radius>(row, lanes, taps, filtered);
+  Floats before = load(row), here = load(row + lanes);
+  std::size_t x = lanes;
+  for (; x + 2 * lanes <= n; x += lanes) {
+    const Floats after = load(row + x + lanes);
+    store(filtered + x,
+          filtered_between<Radius>(tap, before, here, after, std::make_integer_sequence<int, Radius>()));
+    before = here;
+    here = after;
+  }
+  filter_row_of<Radius>(row + x, n - x, taps, filtered + x);
+}
+#else
+template <int Radius>
+inline void filter_long_row_of(const float* row, std::size_t n, const float* taps, float* filtered) {
+  filter_row_of<Radius>(row, n, taps, filtered);
+}
+#endif
 
 template <int Radius>
 inline void filter_rows_of(const float* const* rows, std::size_t n, const float* taps, float* filtered) {
@@ -86,7 +130,7 @@ inline void choose_row(const float* row, std::size_t n, const float* taps, int r
   if constexpr (Radius > unrolled_radius) {
     filter_wide_row(row, n, taps, radius, filtered);
   } else if (radius == Radius) {
-    filter_row_of<Radius>(row, n, taps, filtered);
+    filter_long_row_of<Radius>(row, n, taps, filtered);
   } else {
     choose_row<Radius + 1>(row, n, taps, radius, filtered);
   }

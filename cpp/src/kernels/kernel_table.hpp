@@ -1,8 +1,8 @@
 // The hot loops, as one table of functions for each level of instructions.
 //
 // Kernel sources are compiled several times, with other flags each time, into a namespace named after the
-// level. They include nothing but this file, vector.hpp and plain C headers: an inline function of anyone
-// else's would be compiled with AVX-512 here, and the linker might keep that copy for all.
+// level. They include nothing but this file, vector.hpp and headers without code: an inline function of
+// anyone else's would be compiled with AVX-512 here, and the linker might keep that copy for all.
 #pragma once
 
 #include <cstddef>
