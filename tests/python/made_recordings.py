@@ -368,7 +368,7 @@ def write_hdf5(path: Path, events: EventArray, layout: str) -> None:
             case "prophesee":
                 records = events.to_structured()
                 file["CD/events"] = records
-                file["CD"].attrs["geometry"] = f"{WIDTH}x{HEIGHT}"
+                file["CD"].attrs["geometry"] = np.bytes_(f"{WIDTH}x{HEIGHT}")
             case "matlab":
                 for name, column in (("ts", t), ("x", x), ("y", y), ("pol", p)):
                     file[name] = column.astype(np.float64)[None]

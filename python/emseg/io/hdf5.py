@@ -28,6 +28,7 @@ _MAGIC: Final = b"\x89HDF\r\n\x1a\n"
 _ECF: Final = 0x8ECF  # Prophesee's event compression format, a filter of HDF5
 _MOST_OBJECTS: Final = 10_000
 _SAMPLE_ROWS: Final = 10_000
+_MOST_EVENTS_PER_BYTE: Final = 1000  # compressed further than any codec does
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,7 @@ class Hdf5Source(Source):
             expected = f"events {wanted!r}" if wanted else "events as x, y, t, p or a table"
             raise ReadError(self._path, f"holds no {expected}; it holds: {', '.join(names) or 'nothing'}")
         self._layout = chosen[0]
+        self._check_count()
         for name in self._layout.members.values():
             self._check_codecs(name)
         self.size = self._find_size()
@@ -131,6 +133,13 @@ class Hdf5Source(Source):
         offset = self._file.get("t_offset")  # DSEC
         has_offset = isinstance(offset, self._h5.Dataset) and offset.shape in ((), (1,))
         self._offset = int(np.ravel(offset[()])[0]) if has_offset else 0
+
+    def _check_count(self) -> None:
+        """Refuse a damaged length: HDF5 would make up the events that are missing, without end."""
+        count, file_bytes = self._layout.count, self._path.stat().st_size
+        if count > _MOST_EVENTS_PER_BYTE * file_bytes:
+            problem = f"damaged: has {count} events in a file of {file_bytes} bytes"
+            raise ReadError(self._path, problem, place=f"dataset '{self._layout.name}'")
 
     def _layouts(self) -> list[_Layout]:
         """All that can be events, those named so first."""
@@ -252,14 +261,21 @@ def _whole_side(value: Any) -> int:
     return int(number[0]) if is_number and 1 <= number[0] <= 65536 else 0
 
 
+def _attribute(attributes: Any, name: str, default: Any) -> Any:
+    """An attribute, but for texts of variable length: HDF5 was seen to look for damaged ones for ever."""
+    if name not in attributes or attributes.get_id(name).dtype.hasobject:
+        return default
+    return attributes[name]
+
+
 def _sides(attributes: Any) -> tuple[int, int] | None:
-    width, height = (_whole_side(attributes.get(name, 0)) for name in ("width", "height"))
+    width, height = (_whole_side(_attribute(attributes, name, 0)) for name in ("width", "height"))
     return (width, height) if width and height else None
 
 
 def _resolution(attributes: Any) -> tuple[int, int] | None:
     """As the tools of the Robotics and Perception Group write it: rows and columns."""
-    sides = np.ravel(attributes.get("sensor_resolution", ()))
+    sides = np.ravel(_attribute(attributes, "sensor_resolution", ()))
     if sides.size < 2 or sides.dtype.kind not in "iuf":
         return None
     height, width = _whole_side(sides[0]), _whole_side(sides[1])
@@ -268,7 +284,7 @@ def _resolution(attributes: Any) -> tuple[int, int] | None:
 
 def _geometry(attributes: Any) -> tuple[int, int] | None:
     """As Prophesee writes it: "1280x720"."""
-    text = attributes.get("geometry", "")
+    text = _attribute(attributes, "geometry", b"")
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text.decode() if isinstance(text, bytes) else str(text))
     return (int(match[1]), int(match[2])) if match and int(match[1]) and int(match[2]) else None
 
