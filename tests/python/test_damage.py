@@ -220,3 +220,23 @@ def test_fuzz() -> None:
     assert failures == []
     assert results["read"] > len(files)
     assert results["refused"] > len(files)
+
+
+def test_texts_in_hdf5s_heap_are_not_looked_up(tmp_path: Path) -> None:
+    """Damage there makes HDF5 spin; the size is then guessed."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["CD/events"] = EVENTS.to_structured()
+        file["CD"].attrs["geometry"] = "640x480"
+    events = emseg.io.read(path)
+    assert (events.width, events.height) == (WIDTH, HEIGHT)
+
+
+def test_a_damaged_length_in_hdf5_is_refused(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        for name in "xytp":
+            file.create_dataset(f"events/{name}", (1 << 50,), "u1", chunks=(1 << 16,))
+    assert f"dataset 'events': damaged: has {1 << 50} events in a file of" in refusal(path)
