@@ -240,3 +240,14 @@ def test_a_damaged_length_in_hdf5_is_refused(tmp_path: Path) -> None:
         for name in "xytp":
             file.create_dataset(f"events/{name}", (1 << 50,), "u1", chunks=(1 << 16,))
     assert f"dataset 'events': damaged: has {1 << 50} events in a file of" in refusal(path)
+
+
+def test_a_filter_that_dies_or_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = make("hdf5 dsec", tmp_path)
+    for code, message in (
+        ("import os; os.abort()", "its compression filter dies of it"),
+        ("import time; time.sleep(60)", "its compression filter does not come to an end"),
+    ):
+        monkeypatch.setattr("emseg.io.hdf5._PROBE", code)
+        monkeypatch.setattr("emseg.io.hdf5._PROBE_START_S", 1.0)
+        assert message in refusal(path)

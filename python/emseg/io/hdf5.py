@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +30,18 @@ _MAGIC: Final = b"\x89HDF\r\n\x1a\n"
 _ECF: Final = 0x8ECF  # Prophesee's event compression format, a filter of HDF5
 _MOST_OBJECTS: Final = 10_000
 _SAMPLE_ROWS: Final = 10_000
+_SOUND_FILTERS: Final = (1, 2, 3, 4, 5, 6, 32000)  # HDF5's own and h5py's: they check what they unpack
+_PROBE_ROWS: Final = 1 << 20
+_PROBE_START_S: Final = 15.0
+_PROBE_EVENTS_PER_S: Final = 1e6  # slowest machine
+# Unpacks datasets in a process of its own, which damage may end.
+_PROBE: Final = f"""
+import sys, h5py, hdf5plugin
+with h5py.File(sys.argv[1], "r") as file:
+    for name in sys.argv[2:]:
+        for start in range(0, file[name].shape[0], {_PROBE_ROWS}):
+            file[name][start : start + {_PROBE_ROWS}]
+"""
 _MOST_EVENTS_PER_BYTE: Final = 1000  # compressed further than any codec does
 
 
@@ -75,6 +89,8 @@ class Hdf5Source(Source):
         self._file.close()
 
     def blocks(self) -> Iterator[Block]:
+        if not self._is_probed:
+            self._probe()
         layout, unit = self._layout, self._unit
         place = f"dataset '{layout.name}'"
         for start in range(0, layout.count, BLOCK_EVENTS):
@@ -118,6 +134,7 @@ class Hdf5Source(Source):
             raise ReadError(self._path, f"holds no {expected}; it holds: {', '.join(names) or 'nothing'}")
         self._layout = chosen[0]
         self._check_count()
+        self._is_probed = True
         for name in self._layout.members.values():
             self._check_codecs(name)
         self.size = self._find_size()
@@ -212,6 +229,7 @@ class Hdf5Source(Source):
         properties = self._file[name].id.get_create_plist()
         for k in range(properties.get_nfilters()):
             number, _, _, text = properties.get_filter(k)
+            self._is_probed &= number in _SOUND_FILTERS
             if self._h5.h5z.filter_avail(number):
                 continue
             place = f"dataset '{name}'"
@@ -227,6 +245,28 @@ class Hdf5Source(Source):
             raise ReadError(
                 self._path, f"{problem}: pip install 'emseg[io]', or a plugin for it", place=place
             )
+
+    def _probe(self) -> None:
+        """Find out whether a filter dies of the data, as Blosc was seen to: once, and elsewhere."""
+        names = [f"/{name.strip('/')}" for name in self._layout.members.values()]
+        command = [sys.executable, "-c", _PROBE, str(self._path.resolve()), *names]
+        problem = ""
+        try:
+            done = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                timeout=_PROBE_START_S + self._layout.count / _PROBE_EVENTS_PER_S,
+            )
+        except subprocess.TimeoutExpired:
+            problem = "damaged: its compression filter does not come to an end"
+        else:
+            if done.returncode < 0:  # ended by a signal; errors come up again, with their place
+                problem = "damaged: its compression filter dies of it"
+        if problem:
+            raise ReadError(self._path, problem, place=f"dataset '{self._layout.name}'")
+        self._is_probed = True
 
     def _beside(self, name: str) -> Any:
         """A dataset in the group of the events, or None."""
