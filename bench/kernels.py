@@ -145,12 +145,13 @@ def bench_iwe(events: int) -> list[Row]:
     frame = warp_frame(window.events, None)
     field, centre = np.array(AFFINE, np.float32), np.array([frame.cx, frame.cy], np.float32)
     image = np.empty((HEIGHT, WIDTH), np.float32)
+    workspace = _core.IweWorkspace()
     seen = reference_window(window, t_ref=float(middle_time(window.events)))
     model = numpy_reference.MotionModel("affine", AFFINE)
     places = numpy_reference.warp(model, seen)
     ours, fused, votes = cpu_times(
         [
-            lambda: _core.iwe(x, y, dt, "affine", AFFINE, frame, WIDTH, HEIGHT, 0.0),
+            lambda: _core.iwe(x, y, dt, "affine", AFFINE, frame, WIDTH, HEIGHT, 0.0, workspace),
             lambda: warp_and_vote(x, y, dt, field, centre, image),
             lambda: numpy_reference.bilinear_votes(places, WIDTH, HEIGHT),
         ],
@@ -176,6 +177,7 @@ def bench_contrast(events: int) -> list[Row]:
     frame = warp_frame(window.events, None)
     seen = reference_window(window, t_ref=float(middle_time(window.events)))
     pixel = one_pixel_step("affine", seen)
+    workspace = _core.ContrastWorkspace()
 
     def value(pixels: NDArray[np.float64]) -> float:
         params = np.array(AFFINE) + pixels * pixel
@@ -184,7 +186,7 @@ def bench_contrast(events: int) -> list[Row]:
 
     ours, reference = cpu_times(
         [
-            lambda: _core.contrast(x, y, dt, "affine", AFFINE, frame, WIDTH, HEIGHT),
+            lambda: _core.contrast(x, y, dt, "affine", AFFINE, frame, WIDTH, HEIGHT, workspace=workspace),
             lambda: (value(np.zeros(6)), central_difference(value, np.zeros(6), STEP)),
         ],
         REPEATS,

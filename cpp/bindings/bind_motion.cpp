@@ -1,5 +1,7 @@
 #include <pybind11/stl.h>
 
+#include <optional>
+
 #include "emseg/contrast.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/simd.hpp"
@@ -85,29 +87,34 @@ void bind_motion(py::module_& m) {
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
       "Warped positions, float32 (n, 2).");
 
+  py::class_<IweWorkspace>(m, "IweWorkspace", "Memory of `iwe`, for one call at a time.").def(py::init<>());
+  py::class_<ContrastWorkspace>(m, "ContrastWorkspace", "Memory of `contrast`, for one call at a time.")
+      .def(py::init<>());
+
   m.def(
       "iwe",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
-         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma) {
+         const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
+         std::optional<IweWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         Image image(sensor_region(checked_size(width, height)));
         {
           py::gil_scoped_release release;
-          IweWorkspace workspace;
-          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace);
+          IweWorkspace own;
+          make_iwe(image, points, model, frame, gaussian_taps(sigma), workspace ? **workspace : own);
         }
         return to_numpy(std::move(image.pixels), {height, width});
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
-      py::arg("width"), py::arg("height"), py::arg("sigma"),
-      "Image of warped events, float32 (height, width).");
+      py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("workspace") = py::none(),
+      "Image of warped events, float32 (height, width). A workspace keeps its memory for the next call.");
 
   m.def(
       "contrast",
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const std::string& kind,
          const std::vector<double>& params, const WarpFrame& frame, int width, int height, double sigma,
-         const std::string& measure) {
+         const std::string& measure, std::optional<ContrastWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
         const ContrastOptions options{contrast_measure(measure), sigma};
@@ -115,8 +122,9 @@ void bind_motion(py::module_& m) {
         ContrastResult result;
         {
           py::gil_scoped_release release;
-          ContrastWorkspace workspace;
-          result = contrast_and_gradient(points, model, frame, region, options, workspace);
+          ContrastWorkspace own;
+          result =
+              contrast_and_gradient(points, model, frame, region, options, workspace ? **workspace : own);
         }
         const auto dof = static_cast<std::size_t>(dof_of(kind_of(model)));
         return py::make_tuple(result.value, to_numpy(std::vector<double>(
@@ -125,6 +133,7 @@ void bind_motion(py::module_& m) {
       },
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("kind"), py::arg("params"), py::arg("frame"),
       py::arg("width"), py::arg("height"), py::arg("sigma") = 1.0, py::arg("measure") = "variance",
+      py::arg("workspace") = py::none(),
       "Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).");
 
   m.def(

@@ -41,6 +41,8 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   RegionVelocityOptions search;
   search.max_speed = options.max_speed;
   search.per_region = 1;
+  search.max_lags = 1;  // shorter windows of the ladder reach faster motions
+  search.max_voters = 4000;
   const auto found =
       find_region_velocities(points.view(), window.p, regions, sensor_region(size), search, pool);
 

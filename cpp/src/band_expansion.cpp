@@ -8,29 +8,13 @@
 #include <utility>
 #include <vector>
 
+#include "block_labels.hpp"
 #include "expansion_moves.hpp"
 #include "pixel_blocks.hpp"
 #include "window_labeling.hpp"
 
 namespace emseg {
 namespace {
-
-// A labelling problem over nodes that stand for groups of events, while all other events keep their labels:
-// edges to those are part of the data costs, and labels that they use cost nothing.
-template <typename Cost>
-struct Part {
-  std::vector<Cost> unary;  // nodes * labels
-  std::vector<std::int64_t> indptr;
-  std::vector<std::int32_t> indices;
-  std::vector<Cost> weight;  // edges, or one for all
-  std::vector<std::int64_t> label_cost;
-  std::vector<std::int32_t> labels;    // nodes
-  std::vector<std::uint64_t> allowed;  // nodes: a bit for each label that it may take; empty: any
-
-  BasicLabelingProblem<Cost> view() const {
-    return {static_cast<std::int32_t>(label_cost.size()), unary, indptr, indices, weight, label_cost};
-  }
-};
 
 // Edges {u, v} by their ends u, in compressed rows.
 template <typename Cost>
@@ -81,15 +65,14 @@ class BandExpansion::Levels {
  private:
   template <typename Cost>
   ExpansionResult minimise(const WindowLabeling& problem, std::span<const std::int32_t> initial);
-  template <typename Cost>
-  Part<Cost> block_problem(const WindowLabeling& problem) const;
-  template <typename Cost>
-  void set_block_weights(const WindowLabeling& problem, double share, Part<Cost>& part) const;
-  std::vector<std::int32_t> block_majorities(std::span<const std::int32_t> labels, std::size_t count) const;
+  void choose_candidates(const WindowLabeling& problem, const BlockLabels& coarse,
+                         std::span<const std::int32_t> initial);
+  std::vector<std::int32_t> as_candidates(std::span<const std::int32_t> labels) const;
+  std::vector<std::int32_t> original_labels() const;
   void begin_labels(std::span<const std::int32_t> block_label);
   void begin_labels_from(std::span<const std::int32_t> initial);
   void mark_block_rims(std::span<const std::int32_t> block_label, std::vector<std::uint8_t>& marked) const;
-  void band_of_blocks(const std::vector<std::uint8_t>& marked);
+  void add_blocks_to_band(const std::vector<std::uint8_t>& marked);
   void band_of_boundaries();
   bool band_of_changes();
   void widen_band(int hops);
@@ -103,7 +86,7 @@ class BandExpansion::Levels {
   void set_label_costs(const WindowLabeling& problem, Part<Cost>& part) const;
   bool is_boundary(std::int32_t pixel) const;
   void allow_labels_of_blocks(std::span<const std::int32_t> before, std::span<const std::int32_t> after);
-  void allow_labels_nearby();
+  void allow_labels_nearby(std::span<const std::int32_t> of_block);
 
   static constexpr std::size_t kMaskBits = 64;
   static std::uint64_t bit(std::int32_t label) { return std::uint64_t{1} << label; }
@@ -118,6 +101,7 @@ class BandExpansion::Levels {
 
   std::int64_t widest_ = 0;                // capacity that a move can meet
   std::vector<std::int32_t> candidates_;   // labels that take part below the blocks
+  std::vector<std::int32_t> position_;     // of every label in candidates_
   std::vector<std::int32_t> labels_;       // events: positions in candidates_
   std::vector<std::int32_t> pixel_label_;  // that all events of a pixel have, or kMixed
   std::vector<std::int64_t> used_;         // per candidate: its events
@@ -127,50 +111,7 @@ class BandExpansion::Levels {
   std::vector<std::int32_t> changed_;      // pixels of the band that the last part changed
 };
 
-// ---- blocks
-
-template <typename Cost>
-Part<Cost> BandExpansion::Levels::block_problem(const WindowLabeling& problem) const {
-  const std::size_t label_count = problem.label_count();
-  const auto block_count = static_cast<std::size_t>(blocks_.count);
-  Part<Cost> part;
-  part.unary.resize(block_count * label_count);
-  std::vector<Cost> sum(block_count);
-  for (std::size_t l = 0; l < label_count; ++l) {
-    std::fill(sum.begin(), sum.end(), 0);
-    const std::span<const std::int32_t> costs = problem.unary[l];
-    for (std::size_t k = 0; k < costs.size(); ++k) sum[blocks_.of_event[k]] += costs[k];
-    for (std::size_t b = 0; b < block_count; ++b) part.unary[b * label_count + l] = sum[b];
-    part.label_cost.push_back(problem.cost_of_label(l));
-  }
-  part.indptr = blocks_.indptr;
-  part.indices = blocks_.indices;
-  return part;
-}
-
-template <typename Cost>
-void BandExpansion::Levels::set_block_weights(const WindowLabeling& problem, double share,
-                                              Part<Cost>& part) const {
-  part.weight.resize(part.indices.size());
-  const double unit = share * problem.smooth_cost;
-  for (std::size_t e = 0; e < part.weight.size(); ++e) {
-    part.weight[e] = static_cast<Cost>(unit * blocks_.edge_count[e]);
-  }
-}
-
-// The label of most events of each block; of equals, the first.
-std::vector<std::int32_t> BandExpansion::Levels::block_majorities(std::span<const std::int32_t> labels,
-                                                                  std::size_t count) const {
-  std::vector<std::int32_t> votes(static_cast<std::size_t>(blocks_.count) * count, 0);
-  for (std::size_t k = 0; k < labels.size(); ++k) ++votes[blocks_.of_event[k] * count + labels[k]];
-  std::vector<std::int32_t> majority(blocks_.count);
-  for (std::size_t b = 0; b < majority.size(); ++b) {
-    const auto row = votes.begin() + static_cast<std::ptrdiff_t>(b * count);
-    majority[b] =
-        static_cast<std::int32_t>(std::max_element(row, row + static_cast<std::ptrdiff_t>(count)) - row);
-  }
-  return majority;
-}
+// ---- labels and bands
 
 void BandExpansion::Levels::mark_block_rims(std::span<const std::int32_t> block_label,
                                             std::vector<std::uint8_t>& marked) const {
@@ -181,8 +122,6 @@ void BandExpansion::Levels::mark_block_rims(std::span<const std::int32_t> block_
     }
   }
 }
-
-// ---- labels and bands
 
 void BandExpansion::Levels::begin_labels(std::span<const std::int32_t> block_label) {
   pixel_label_.resize(graph_.pixels.size());
@@ -203,11 +142,13 @@ void BandExpansion::Levels::begin_labels_from(std::span<const std::int32_t> init
   }
 }
 
-void BandExpansion::Levels::band_of_blocks(const std::vector<std::uint8_t>& marked) {
-  band_.clear();
+void BandExpansion::Levels::add_blocks_to_band(const std::vector<std::uint8_t>& marked) {
+  std::vector<std::uint8_t> inside(graph_.pixels.size(), 0);
+  for (const std::int32_t p : band_) inside[p] = 1;
   for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
-    if (marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
+    if (inside[p] == 0 && marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
   }
+  std::sort(band_.begin(), band_.end());
 }
 
 bool BandExpansion::Levels::is_boundary(std::int32_t pixel) const {
@@ -274,8 +215,9 @@ void BandExpansion::Levels::allow_labels_of_blocks(std::span<const std::int32_t>
   for (const std::int32_t p : band_) allowed_[p] = wide[blocks_.of_pixel[p]];
 }
 
-// Those of the events as far away as the band is wide.
-void BandExpansion::Levels::allow_labels_nearby() {
+// Those of the events as far away as the band is wide, and, if given, that of the pixel's block.
+void BandExpansion::Levels::allow_labels_nearby(std::span<const std::int32_t> of_block) {
+  allowed_.clear();
   if (candidates_.size() > kMaskBits) return;
   allowed_.resize(graph_.pixels.size());
   for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
@@ -294,6 +236,8 @@ void BandExpansion::Levels::allow_labels_nearby() {
     }
     for (std::size_t v = 0; v < band_.size(); ++v) allowed_[band_[v]] = wide[v];
   }
+  if (of_block.empty()) return;
+  for (const std::int32_t p : band_) allowed_[p] |= bit(of_block[blocks_.of_pixel[p]]);
 }
 
 // ---- parts
@@ -431,97 +375,76 @@ std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) 
 
 // ---- all levels
 
+// Labels that some block or event has.
+void BandExpansion::Levels::choose_candidates(const WindowLabeling& problem, const BlockLabels& coarse,
+                                              std::span<const std::int32_t> initial) {
+  candidates_.clear();
+  position_.assign(problem.label_count(), -1);
+  for (const std::span<const std::int32_t> labels :
+       {std::span(coarse.first), std::span(coarse.second), initial}) {
+    for (const std::int32_t label : labels) position_[label] = 0;
+  }
+  for (std::size_t l = 0; l < position_.size(); ++l) {
+    if (position_[l] != 0) continue;
+    position_[l] = static_cast<std::int32_t>(candidates_.size());
+    candidates_.push_back(static_cast<std::int32_t>(l));
+  }
+}
+
+std::vector<std::int32_t> BandExpansion::Levels::as_candidates(std::span<const std::int32_t> labels) const {
+  std::vector<std::int32_t> result(labels.size());
+  for (std::size_t k = 0; k < labels.size(); ++k) result[k] = position_[labels[k]];
+  return result;
+}
+
+std::vector<std::int32_t> BandExpansion::Levels::original_labels() const {
+  std::vector<std::int32_t> result(labels_.size());
+  for (std::size_t k = 0; k < labels_.size(); ++k) result[k] = candidates_[labels_[k]];
+  return result;
+}
+
 template <typename Cost>
 ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
                                                 std::span<const std::int32_t> initial) {
-  const std::size_t label_count = problem.label_count();
   const bool cold = initial.empty();
-  Part<Cost> part = block_problem<Cost>(problem);
-  set_block_weights(problem, options_.lenient_smoothness, part);
-  std::vector<std::int32_t> before;
-  if (cold) {
-    part.labels.resize(blocks_.count);
-    for (std::size_t b = 0; b < part.labels.size(); ++b) {
-      const auto row = part.unary.begin() + static_cast<std::ptrdiff_t>(b * label_count);
-      part.labels[b] = static_cast<std::int32_t>(
-          std::min_element(row, row + static_cast<std::ptrdiff_t>(label_count)) - row);
-    }
-    solve(part);
-    before = part.labels;
-    set_block_weights(problem, 1, part);
-    solve(part);
-  } else {
-    before = block_majorities(initial, label_count);
-    part.labels = before;
-    solve(part);
-  }
+  const BlockLabels coarse = label_blocks<Cost>(blocks_, problem, initial, options_, widest_, workspace_);
+  choose_candidates(problem, coarse, initial);
+  const std::vector<std::int32_t> first = as_candidates(coarse.first);
+  const std::vector<std::int32_t> second = as_candidates(coarse.second);
+  std::vector<std::uint8_t> marked(first.size());  // blocks at which finer levels look
+  for (std::size_t b = 0; b < marked.size(); ++b) marked[b] = first[b] != second[b] ? 1 : 0;
 
-  // Only labels that some block or event has go on.
-  candidates_.clear();
-  std::vector<std::int32_t> position(label_count, -1);
-  for (const std::span<const std::int32_t> some :
-       {std::span<const std::int32_t>(before), std::span<const std::int32_t>(part.labels), initial}) {
-    for (const std::int32_t label : some) position[label] = 0;
-  }
-  for (std::size_t l = 0; l < label_count; ++l) {
-    if (position[l] != 0) continue;
-    position[l] = static_cast<std::int32_t>(candidates_.size());
-    candidates_.push_back(static_cast<std::int32_t>(l));
-  }
-  const auto to_positions = [&](std::span<const std::int32_t> labels) {
-    std::vector<std::int32_t> result(labels.size());
-    for (std::size_t k = 0; k < labels.size(); ++k) result[k] = position[labels[k]];
-    return result;
-  };
-
-  std::vector<std::uint8_t> marked(blocks_.count, 0);  // where finer levels look
-  for (std::size_t b = 0; b < marked.size(); ++b) marked[b] = before[b] != part.labels[b] ? 1 : 0;
   if (cold) {
-    begin_labels(to_positions(part.labels));
+    begin_labels(second);
   } else {
-    begin_labels_from(to_positions(initial));
+    begin_labels_from(as_candidates(initial));
   }
   used_.assign(candidates_.size(), 0);
   for (const std::int32_t label : labels_) ++used_[label];
-  const auto original = [&] {
-    std::vector<std::int32_t> result(labels_.size());
-    for (std::size_t k = 0; k < labels_.size(); ++k) result[k] = candidates_[labels_[k]];
-    return result;
-  };
   ExpansionResult result;
-  result.energy = evaluate_window(graph_, problem, original());
+  result.energy = evaluate_window(graph_, problem, original_labels());
   result.energy_trace.push_back(result.energy);
 
-  std::vector<std::int32_t> extra;
   if (cold) {
-    mark_block_rims(before, marked);
-    mark_block_rims(part.labels, marked);
-    band_of_blocks(marked);
-    allow_labels_of_blocks(to_positions(before), to_positions(part.labels));
+    mark_block_rims(first, marked);
+    mark_block_rims(second, marked);
+    band_.clear();
+    add_blocks_to_band(marked);
+    allow_labels_of_blocks(first, second);
     result.energy -= solve_pixels<Cost>(problem);
     band_of_boundaries();
+    allow_labels_nearby({});
   } else {
     band_of_boundaries();
-    std::vector<std::uint8_t> inside(graph_.pixels.size(), 0);
-    for (const std::int32_t p : band_) inside[p] = 1;
-    for (std::int32_t p = 0; p < graph_.pixel_count(); ++p) {
-      if (inside[p] == 0 && marked[blocks_.of_pixel[p]] != 0) band_.push_back(p);
-    }
-    std::sort(band_.begin(), band_.end());
-    extra = to_positions(part.labels);
+    add_blocks_to_band(marked);
+    allow_labels_nearby(second);
   }
   for (int k = 0; k < options_.max_bands && !band_.empty(); ++k) {
-    allow_labels_nearby();
-    if (k == 0 && !extra.empty() && !allowed_.empty()) {
-      for (const std::int32_t p : band_) {
-        const std::int32_t b = blocks_.of_pixel[p];
-        allowed_[p] |= bit(extra[b]);
-      }
-    }
     result.energy -= solve_events<Cost>(problem);
     if (!band_of_changes()) break;
+    allow_labels_nearby({});
   }
-  result.labels = original();
+  result.labels = original_labels();
   result.energy_trace.push_back(result.energy);
   assert(result.energy == evaluate_window(graph_, problem, result.labels));
   return result;

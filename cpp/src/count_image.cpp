@@ -3,31 +3,14 @@
 #include <algorithm>
 #include <cassert>
 
+#include "kernels/kernel_table.hpp"
+
 namespace emseg {
 namespace {
 
 constexpr int radius = 2;            // of the binomial
 constexpr std::uint16_t most = 255;  // votes of a cell that count: 255 (1+4+6+4+1)^2 fits 16 bits
-
-// Weighted sum of five rows, votes beyond `most` left out.
-void smooth_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t width, std::uint16_t* out) {
-  const std::uint16_t *above2 = centre - 2 * stride, *above = centre - stride, *below = centre + stride,
-                      *below2 = centre + 2 * stride;
-  for (std::size_t x = 0; x < width; ++x) {
-    const auto cut = [](std::uint16_t votes) { return votes < most ? votes : most; };
-    out[x] = static_cast<std::uint16_t>(cut(above2[x]) + 4 * cut(above[x]) + 6 * cut(centre[x]) +
-                                        4 * cut(below[x]) + cut(below2[x]));
-  }
-}
-
-void smooth_across(const std::uint16_t* centre, std::size_t width, std::uint16_t* out) {
-  for (std::size_t x = 0; x < width; ++x) {
-    const std::uint16_t* c = centre + x;
-    out[x] = static_cast<std::uint16_t>(
-                 static_cast<std::uint16_t>(c[-2] + 4 * c[-1] + 6 * c[0] + 4 * c[1] + c[2])) /
-             (256 / counts_per_event);
-  }
-}
+static_assert(counts_per_event == 16, "what smooth_counts_across divides by");
 
 }  // namespace
 
@@ -44,33 +27,29 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
   const int rows = region.height + 2 * radius;
   workspace.votes.assign(static_cast<std::size_t>(stride) * static_cast<std::size_t>(rows), 0);
 
-  // Pixels, being whole numbers, lie half a pixel inside their cells.  Off the canvas, NaN included: -1.
-  const float left = static_cast<float>(region.x0) - 0.5f, top = static_cast<float>(region.y0) - 0.5f;
-  const auto width = static_cast<float>(region.width), height = static_cast<float>(region.height);
-  for (std::size_t k = 0; k < n; ++k) {
-    const float u = workspace.x[k] - left, v = workspace.y[k] - top;
-    const bool inside = u >= 0 && v >= 0 && u < width && v < height;
-    const int column = static_cast<int>(inside ? u : 0), row = static_cast<int>(inside ? v : 0);
-    workspace.cell[k] = inside ? (row + radius) * stride + column + radius : -1;
-  }
-  for (std::size_t k = 0; k < n; ++k) {
-    if (workspace.cell[k] < 0) continue;
-    std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(workspace.cell[k])];
+  // Cell 0 lies in the padding: votes of places off the canvas are taken back at once.
+  const CellGrid grid{static_cast<float>(region.x0), static_cast<float>(region.y0),
+                      static_cast<float>(region.width), static_cast<float>(region.height), stride};
+  const KernelTable& kernel = kernels();
+  kernel.nearest_cells(grid, workspace.x.data(), workspace.y.data(), n, radius, workspace.cell.data());
+  for (const std::int32_t cell : workspace.cell) {
+    std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(cell)];
     votes = static_cast<std::uint16_t>(votes + (votes < most));
   }
+  workspace.votes[0] = 0;
 
   workspace.smooth.resize(workspace.votes.size());
+  workspace.smooth[0] = 0;
   workspace.column.assign(static_cast<std::size_t>(stride), 0);
   const auto inner = static_cast<std::size_t>(region.width);
   for (int row = radius; row < radius + region.height; ++row) {
     const auto first = static_cast<std::size_t>(row * stride + radius);
-    smooth_down(workspace.votes.data() + first, stride, inner, workspace.column.data() + radius);
-    smooth_across(workspace.column.data() + radius, inner, workspace.smooth.data() + first);
+    kernel.smooth_counts_down(workspace.votes.data() + first, stride, inner,
+                              workspace.column.data() + radius);
+    kernel.smooth_counts_across(workspace.column.data() + radius, inner, workspace.smooth.data() + first);
   }
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::int32_t cell = workspace.cell[k];
-    sharpness[k] = cell < 0 ? std::uint16_t{0} : workspace.smooth[static_cast<std::size_t>(cell)];
-  }
+  for (std::size_t k = 0; k < n; ++k)
+    sharpness[k] = workspace.smooth[static_cast<std::size_t>(workspace.cell[k])];
 }
 
 }  // namespace emseg

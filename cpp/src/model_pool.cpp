@@ -44,11 +44,11 @@ std::vector<Region> overlapping_tiles(Region plane, int side) {
   return tiles;
 }
 
-// Best velocities of the sub-volumes, most significant first, without near copies.
+// Best velocities of the regions, most significant first, without near copies.
 std::vector<MotionModel> propose_translations(const PointView& points, std::span<const std::uint8_t> positive,
-                                              Region plane, const PoolOptions& options, ThreadPool& pool) {
-  auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
-  for (const Region& tile : overlapping_tiles(plane, options.tile)) regions.push_back(tile);
+                                              std::span<const Region> regions, Region plane,
+                                              const PoolOptions& options, ThreadPool& pool) {
+  if (points.size() == 0) return {};
   std::vector<RegionVelocity> proposals;
   for (const auto& found : find_region_velocities(points, positive, regions, plane, options.search, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
@@ -58,7 +58,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   });
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   const double apart = options.same_motion / std::max(1e-9, window);  // px/s
-  std::vector<RegionVelocity> kept{{0, 0, 0}};                        // no motion is always a candidate
+  std::vector<RegionVelocity> kept;
   for (const RegionVelocity& proposal : proposals) {
     if (kept.size() >= options.max_candidates) break;
     if (std::all_of(kept.begin(), kept.end(), [&](const RegionVelocity& other) {
@@ -70,6 +70,22 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   std::vector<MotionModel> models;
   for (const RegionVelocity& velocity : kept) models.push_back(Translation{{velocity.vx, velocity.vy}});
   return models;
+}
+
+struct Sample {
+  Points points;
+  std::vector<std::uint8_t> positive;
+
+  void push_back(const PointView& from, std::span<const std::uint8_t> polarities, std::size_t k) {
+    points.push_back(from, k);
+    positive.push_back(polarities[k]);
+  }
+};
+
+Sample thinned(const PointView& points, std::span<const std::uint8_t> positive, std::size_t most) {
+  Sample sample;
+  for (const std::size_t k : even_sample(points.size(), most)) sample.push_back(points, positive, k);
+  return sample;
 }
 
 // No more than `most` of the points, evenly in time.
@@ -114,9 +130,10 @@ MotionModel scaled(const MotionModel& model, double scale) {
 // refined in full later.
 class PoolSearch {
  public:
-  PoolSearch(const PointView& points, const WarpFrame& frame, Region plane, const PoolOptions& options,
-             ThreadPool& pool)
-      : points_(thinned(points, options.max_events)),
+  PoolSearch(const PointView& points, std::span<const std::uint8_t> positive, const WarpFrame& frame,
+             Region plane, const PoolOptions& options, ThreadPool& pool)
+      : sample_(thinned(points, positive, options.max_events)),
+        points_(sample_.points),
         frame_(frame),
         half_frame_(halved(frame)),
         plane_(plane),
@@ -144,11 +161,24 @@ class PoolSearch {
 
   // Chooses among all candidates.
   void choose() {
-    const std::vector<std::uint8_t> cost_of = event_costs(reference_of_chosen());
+    cost_of_ = event_costs(reference_of_chosen());
     costs_.resize(models_.size());
     pool_.for_each(models_.size(),
-                   [&](std::size_t m, int) { costs_[m] = block_costs(grid_, sharpness_[m], cost_of); });
+                   [&](std::size_t m, int) { costs_[m] = block_costs(grid_, sharpness_[m], cost_of_); });
     selection_ = select_models(costs_, label_cost_);
+  }
+
+  // Events that no chosen model makes sharp: noise, and what moves in a way not thought of yet.
+  Sample unexplained() const {
+    constexpr std::uint8_t dear = 120;  // by the logarithmic term, less than a third of the reference
+    Sample rest;
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      const bool explained =
+          std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
+                      [&](std::size_t m) { return cost_of_[sharpness_[m][k]] < dear; });
+      if (!explained) rest.push_back(points_.view(), sample_.positive, k);
+    }
+    return rest;
   }
 
   // Each chosen model refitted on the events of its blocks, and pairs that are nearly one motion on both's.
@@ -266,7 +296,8 @@ class PoolSearch {
     to.dt.insert(to.dt.end(), from.dt.begin(), from.dt.end());
   }
 
-  const Points points_;
+  const Sample sample_;
+  const Points& points_;
   const WarpFrame& frame_;
   const WarpFrame half_frame_;
   const Region plane_;
@@ -278,6 +309,7 @@ class PoolSearch {
   std::vector<ContrastWorkspace> contrast_workspaces_;
   std::vector<MotionModel> models_;
   std::vector<std::vector<std::uint16_t>> sharpness_;  // per model, per point
+  std::vector<std::uint8_t> cost_of_;                  // an event, by its sharpness
   std::vector<std::vector<std::int32_t>> costs_;       // per model, per block
   Selection selection_;
   std::set<std::pair<std::size_t, std::size_t>>
@@ -291,10 +323,25 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
                                          const WarpFrame& frame, Region plane, const PoolOptions& options,
                                          ThreadPool& pool) {
   if (points.size() == 0) return {make_motion(richest(options.kinds))};
-  PoolSearch search(points, frame, plane, options, pool);
+  PoolSearch search(points, positive, frame, plane, options, pool);
+  search.add({Translation{}});
   search.add(options.candidates);
-  search.add(propose_translations(points, positive, plane, options, pool));
+  const auto tiles = overlapping_tiles(plane, options.tile);
+  if (options.candidates.empty()) {
+    auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
+    regions.insert(regions.end(), tiles.begin(), tiles.end());
+    search.add(propose_translations(points, positive, regions, plane, options, pool));
+  }
   search.choose();
+  // What is small, or new since the last window, shows where the others are taken away.
+  if (!options.candidates.empty()) {
+    PoolOptions births = options;
+    births.search.max_lags = 2;
+    births.max_candidates = 16;
+    const Sample rest = search.unexplained();
+    search.add(propose_translations(rest.points.view(), rest.positive, tiles, plane, births, pool));
+    search.choose();
+  }
   // Coarse candidates stay in the race: better models free blocks that others explain.
   for (int round = 0; round < options.max_rounds; ++round) {
     const std::size_t before = search.candidate_count();

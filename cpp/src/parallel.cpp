@@ -3,19 +3,24 @@
 #include <algorithm>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 namespace emseg {
 
-ThreadPool::ThreadPool(int threads) {
+ThreadPool::ThreadPool(int threads) : worker_count_(threads) {
   if (threads < 0 || threads > 1024) {
     throw std::invalid_argument("threads is " + std::to_string(threads) + ", expected 0 (all cores) to 1024");
   }
-  if (threads == 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  if (threads == 0) worker_count_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+// Where the system has no more threads to give, those that it gave do the work.
+void ThreadPool::start() {
   try {
-    for (int worker = 1; worker < threads; ++worker) threads_.emplace_back([this, worker] { work(worker); });
-  } catch (...) {  // the system has no more threads to give
-    stop();
-    throw;
+    for (int worker = static_cast<int>(threads_.size()) + 1; worker < worker_count_; ++worker) {
+      threads_.emplace_back([this, worker] { work(worker); });
+    }
+  } catch (const std::system_error&) {
   }
 }
 
@@ -31,10 +36,11 @@ void ThreadPool::stop() {
 }
 
 void ThreadPool::for_each(std::size_t task_count, const std::function<void(std::size_t, int)>& body) {
-  if (threads_.empty() || task_count < 2) {
+  if (worker_count_ == 1 || task_count < 2) {
     for (std::size_t task = 0; task < task_count; ++task) body(task, 0);
     return;
   }
+  start();
   std::unique_lock lock(mutex_);
   body_ = &body;
   next_task_ = 0;

@@ -15,7 +15,7 @@ constexpr int reach = patch_reach;          // px that a displacement is looked 
 constexpr int slices_per_lag = 8;           // a motion of `reach` px a lag smears a slice over two pixels
 constexpr std::uint16_t most_at_pixel = 8;  // more do not count: a hot pixel is not a motion
 constexpr std::size_t most_in_tile = 65535 / most_at_pixel;  // whose votes a 16-bit count holds
-constexpr std::size_t most_lags = 16;
+constexpr std::size_t least_events = 40;  // of a region: fewer agree on something by chance
 constexpr std::size_t patch_size = static_cast<std::size_t>(patch_rows) * patch_columns;
 // Around the plane: patches reach out of it, and following a velocity may have moved places by as much.
 constexpr int margin = 2 * reach + 2;
@@ -110,6 +110,15 @@ class EventPairs {
   }
   double window() const { return window_; }
 
+  std::size_t events_in(const TileRect& rect) const {
+    std::size_t sum = 0;
+    for (int row = rect.top; row < rect.bottom; ++row) {
+      for (int column = rect.left; column < rect.right; ++column)
+        sum += events_in_tile_[static_cast<std::size_t>(row * columns_ + column)];
+    }
+    return sum;
+  }
+
   // A worker's memory; pixels are zero between calls.
   struct Workspace {
     std::vector<std::uint16_t> pixels;
@@ -136,14 +145,11 @@ class EventPairs {
   Displacements vote_in(const TileRect& rect, double lag, double vx, double vy, std::size_t budget,
                         Workspace& w) const {
     std::vector<std::uint8_t> inside(tile_count(), 0);
-    double all = 0;
     for (int row = rect.top; row < rect.bottom; ++row) {
-      for (int column = rect.left; column < rect.right; ++column) {
-        const auto tile = static_cast<std::size_t>(row * columns_ + column);
-        inside[tile] = 1;
-        all += events_in_tile_[tile];
-      }
+      for (int column = rect.left; column < rect.right; ++column)
+        inside[static_cast<std::size_t>(row * columns_ + column)] = 1;
     }
+    const auto all = static_cast<double>(events_in(rect));
     Displacements sum{};
     std::vector<std::uint16_t> votes(patch_size);
     const auto add_patches = kernels().add_patches;
@@ -247,7 +253,7 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
     rects.push_back(rect);
   }
   std::vector<double> lags{window / 2};
-  while (lags.back() * options.max_speed > reach && lags.size() < most_lags) lags.push_back(lags.back() / 3);
+  while (lags.back() * options.max_speed > reach && lags.size() < options.max_lags) lags.push_back(lags.back() / 3);
 
   // Votes of every tile, for every lag and polarity.
   std::vector<EventPairs::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
@@ -260,6 +266,7 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
   // Peaks of every region, for every lag.
   std::vector<std::vector<Peak>> peaks(regions.size() * lags.size());
   pool.for_each(regions.size(), [&](std::size_t r, int) {
+    if (pairs.events_in(rects[r]) < least_events) return;
     for (std::size_t j = 0; j < lags.size(); ++j) {
       Displacements sum{};
       for (int row = rects[r].top; row < rects[r].bottom; ++row) {

@@ -13,11 +13,13 @@ import numpy.typing
 __all__: list[str] = [
     "BackgroundActivityFilter",
     "Camera",
+    "ContrastWorkspace",
     "DistortionModel",
     "EventStreamDecoder",
     "EventStreamKind",
     "EvtDecoder",
     "EvtEncoding",
+    "IweWorkspace",
     "Segmentation",
     "Segmenter",
     "SegmenterOptions",
@@ -277,6 +279,18 @@ class WarpFrame:
     @property
     def f0(self) -> float: ...
 
+class IweWorkspace:
+    """
+    Memory of `iwe`, for one call at a time.
+    """
+    def __init__(self) -> None: ...
+
+class ContrastWorkspace:
+    """
+    Memory of `contrast`, for one call at a time.
+    """
+    def __init__(self) -> None: ...
+
 class SegmenterOptions:
     """
     Settings of the engine; emseg.Config is their public face.
@@ -440,6 +454,7 @@ def contrast(
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
     measure: str = "variance",
+    workspace: ContrastWorkspace | None = None,
 ) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
     """
     Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
@@ -541,9 +556,10 @@ def iwe(
     width: typing.SupportsInt | typing.SupportsIndex,
     height: typing.SupportsInt | typing.SupportsIndex,
     sigma: typing.SupportsFloat | typing.SupportsIndex,
+    workspace: IweWorkspace | None = None,
 ) -> numpy.typing.NDArray[numpy.float32]:
     """
-    Image of warped events, float32 (height, width).
+    Image of warped events, float32 (height, width). A workspace keeps its memory for the next call.
     """
 
 @typing.overload

@@ -1,4 +1,4 @@
-"""Labels in bands beside expansion on all events, on the recorded windows: energies and labels nearly agree."""
+"""Labels in bands beside expansion on all events, on the recorded windows: they nearly agree."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ def test_energy_and_labels_are_nearly_those_of_expansion_on_all_events(name: str
 
     cold_labels, cold = costs.in_bands(np.zeros(0, np.int32))
     assert cold == costs.energy(cold_labels)
-    assert cold <= exact * (1 + 5e-4)
-    assert np.mean(cold_labels != exact_labels) < 0.01
+    assert cold <= exact * (1 + 4e-4)
+    assert np.mean(cold_labels != exact_labels) < 0.006
 
     moved = np.roll(exact_labels, 40)  # labels of other events: what the true ones are must be found again
     warm_labels, warm = costs.in_bands(np.ascontiguousarray(moved))
     assert warm == costs.energy(warm_labels)
-    assert warm <= costs.energy(moved)
+    assert warm <= exact * (1 + 1.5e-3)
 
     again_labels, again = costs.in_bands(exact_labels)
     assert again <= exact
-    assert np.mean(again_labels != exact_labels) < 0.002
+    assert np.mean(again_labels != exact_labels) < 0.001

@@ -16,23 +16,26 @@ namespace emseg {
 // part.
 class ThreadPool {
  public:
-  // `threads` workers, the calling thread included; 0 takes one per core.
+  // `threads` workers, the calling thread included; 0 takes one per core.  They start when they first have
+  // work.
   explicit ThreadPool(int threads = 0);
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
   ThreadPool& operator=(const ThreadPool&) = delete;
 
-  int worker_count() const { return static_cast<int>(threads_.size()) + 1; }
+  int worker_count() const { return worker_count_; }
 
   // body(task, worker), worker in 0..worker_count()-1 to pick a workspace.  Rethrows the exception of the
   // lowest task that threw.  Not to be called from within a task.
   void for_each(std::size_t task_count, const std::function<void(std::size_t, int)>& body);
 
  private:
+  void start();
   void stop();
   void work(int worker);
   void run_tasks(std::unique_lock<std::mutex>& lock, int worker);
 
+  int worker_count_;
   std::vector<std::thread> threads_;
   std::mutex mutex_;
   std::condition_variable wake_;

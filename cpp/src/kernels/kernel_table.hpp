@@ -78,6 +78,17 @@ struct KernelTable {
   void (*filter_rows)(const float* const* rows, std::size_t n, const float* taps, int radius,
                       float* filtered);
 
+  // Cells of the nearest pixels in a region that has `padding` cells around it; 0 for places outside the region
+  // and undefined ones.
+  void (*nearest_cells)(const CellGrid& grid, const float* x, const float* y, std::size_t n,
+                        std::int32_t padding, std::int32_t* cell);
+
+  // The passes of a binomial filter, weights 1 4 6 4 1, over counts up to 255: down five rows about `centre`,
+  // and along a row of such sums, divided by 16.
+  void (*smooth_counts_down)(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
+                             std::uint16_t* smooth);
+  void (*smooth_counts_across)(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);
+
   // sums += the patch of an image that begins at each place.
   void (*add_patches)(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places,
                       std::size_t n, std::uint16_t* sums);

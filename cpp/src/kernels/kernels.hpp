@@ -19,6 +19,11 @@ void sample_slopes(const float* image, std::int32_t stride, const std::int32_t* 
                    const float* low, std::size_t n, float* dx, float* dy);
 void filter_row(const float* row, std::size_t n, const float* taps, int radius, float* filtered);
 void filter_rows(const float* const* rows, std::size_t n, const float* taps, int radius, float* filtered);
+void nearest_cells(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t padding,
+                   std::int32_t* cell);
+void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
+                        std::uint16_t* smooth);
+void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);
 void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places, std::size_t n,
                  std::uint16_t* sums);
 void add_sums(const float* row, std::size_t n, double* sum, double* square);

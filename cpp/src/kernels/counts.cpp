@@ -1,0 +1,42 @@
+// Images of whole votes.
+#include "kernels/kernels.hpp"
+#include "kernels/vector.hpp"
+
+namespace emseg::EMSEG_SIMD_LEVEL {
+
+void nearest_cells(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t padding,
+                   std::int32_t* cell) {
+  // Pixels, being whole numbers, lie half a pixel inside their cells.
+  const float left = grid.x0 - 0.5f, top = grid.y0 - 0.5f, width = grid.width, height = grid.height;
+  const std::int32_t stride = grid.stride;
+  for (std::size_t k = 0; k < n; ++k) {
+    const float u = x[k] - left, v = y[k] - top;
+    const bool inside = u >= 0 && v >= 0 && u < width && v < height;
+    const auto column = static_cast<std::int32_t>(inside ? u : 0);
+    const auto row = static_cast<std::int32_t>(inside ? v : 0);
+    cell[k] = inside ? (row + padding) * stride + column + padding : 0;
+  }
+}
+
+void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
+                        std::uint16_t* smooth) {
+  const std::uint16_t *above2 = centre - 2 * stride, *above = centre - stride, *below = centre + stride,
+                      *below2 = centre + 2 * stride;
+  for (std::size_t x = 0; x < n; ++x) {
+    const auto ends = static_cast<std::uint16_t>(above2[x] + below2[x]);
+    const auto sides = static_cast<std::uint16_t>(above[x] + below[x]);
+    smooth[x] = static_cast<std::uint16_t>(ends + 4 * sides + 6 * centre[x]);
+  }
+}
+
+void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth) {
+  const std::uint16_t *before2 = centre - 2, *before = centre - 1, *after = centre + 1, *after2 = centre + 2;
+  for (std::size_t x = 0; x < n; ++x) {
+    const auto ends = static_cast<std::uint16_t>(before2[x] + after2[x]);
+    const auto sides = static_cast<std::uint16_t>(before[x] + after[x]);
+    const auto sum = static_cast<std::uint16_t>(ends + 4 * sides + 6 * centre[x]);
+    smooth[x] = static_cast<std::uint16_t>(sum >> 4);
+  }
+}
+
+}  // namespace emseg::EMSEG_SIMD_LEVEL
