@@ -11,9 +11,14 @@ import numpy
 import numpy.typing
 
 __all__: list[str] = [
+    "BackgroundActivityFilter",
     "Camera",
     "ContrastWorkspace",
     "DistortionModel",
+    "EventStreamDecoder",
+    "EventStreamKind",
+    "EvtDecoder",
+    "EvtEncoding",
     "IweWorkspace",
     "OutlineKind",
     "Path",
@@ -28,6 +33,7 @@ __all__: list[str] = [
     "band_expansion",
     "check_events",
     "contrast",
+    "decode_libcaer_packet",
     "delaunay_edges",
     "delaunay_edges_cgal",
     "event_graph",
@@ -112,6 +118,152 @@ class Camera:
     ) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
         """
         Undistorted x and y of every pixel, two float32 arrays (height, width).
+        """
+
+class BackgroundActivityFilter:
+    """
+    Keeps events with a neighbour not long before them.
+    """
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+        duration_us: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def keep(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+    ) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        1 for each event of the next chunk that is to stay, else 0, uint8 (n,).
+        """
+
+class EvtEncoding:
+    """
+    How a Prophesee stream is encoded.
+
+    Members:
+
+      evt2
+
+      evt21
+
+      evt21_swapped
+
+      evt3
+    """
+
+    __members__: typing.ClassVar[dict[str, EvtEncoding]]
+    evt2: typing.ClassVar[EvtEncoding]
+    evt21: typing.ClassVar[EvtEncoding]
+    evt21_swapped: typing.ClassVar[EvtEncoding]
+    evt3: typing.ClassVar[EvtEncoding]
+    @typing.overload
+    def __eq__(self, other: EvtEncoding) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: EvtEncoding) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class EvtDecoder:
+    """
+    Decodes a Prophesee byte stream piece by piece.
+    """
+    def __init__(self, encoding: EvtEncoding) -> None: ...
+    def decode(
+        self, bytes: numpy.typing.NDArray[numpy.uint8]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.uint8],
+    ]:
+        """
+        Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).
+        """
+    @property
+    def origin(self) -> int:
+        """
+        Where the maker's own tools let time begin, us.
+        """
+    @property
+    def pending(self) -> int:
+        """
+        Bytes of a word whose rest is still to come.
+        """
+
+class EventStreamKind:
+    """
+    What an Event Stream file holds.
+
+    Members:
+
+      dvs
+
+      atis
+    """
+
+    __members__: typing.ClassVar[dict[str, EventStreamKind]]
+    atis: typing.ClassVar[EventStreamKind]
+    dvs: typing.ClassVar[EventStreamKind]
+    @typing.overload
+    def __eq__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class EventStreamDecoder:
+    """
+    Decodes an Event Stream piece by piece.
+    """
+    def __init__(self, kind: EventStreamKind) -> None: ...
+    def decode(
+        self, bytes: numpy.typing.NDArray[numpy.uint8]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.uint8],
+    ]:
+        """
+        Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).
+        """
+    @property
+    def pending(self) -> int:
+        """
+        Bytes of an event whose rest is still to come.
         """
 
 class WarpFrame:
@@ -597,6 +749,18 @@ def contrast(
 ) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
     """
     Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
+    """
+
+def decode_libcaer_packet(
+    bytes: numpy.typing.NDArray[numpy.uint8],
+) -> tuple[
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.uint8],
+]:
+    """
+    Columns x, y, t (us since the packet's time base), p of a packet `libcaer_cmp`.
     """
 
 def delaunay_edges(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.typing.NDArray[numpy.int32]:

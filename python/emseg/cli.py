@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `config`, `demo`, `render`, `simulate`.
+"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -16,6 +16,7 @@ import typer
 from tqdm import tqdm
 
 import emseg
+from emseg.cli_recordings import convert, info
 from emseg.config import Config
 from emseg.yaml_files import ConfigError
 
@@ -155,36 +156,8 @@ class _Bar:
         self._bar = self._source = None
 
 
-@app.command()
-def info(inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings.")]) -> None:
-    """Say what recordings hold."""
-    from emseg.io import ReadError, find_reader, read
-
-    failed = 0
-    for path in inputs:
-        try:
-            name = find_reader(path).name
-            events = read(path)
-        except ReadError as error:
-            failed += 1
-            typer.echo(f"failed: {error}", err=True)
-            continue
-        seconds = events.duration / 1e6
-        lines = {
-            "format": name,
-            "sensor": f"{events.width}x{events.height}",
-            "events": f"{len(events):,}",
-        }
-        if len(events):
-            lines |= {
-                "first": f"{events.t[0]} µs",
-                "last": f"{events.t[-1]} µs",
-                "duration": f"{seconds:.6f} s",
-                "rate": f"{len(events) / seconds / 1e6:.3f} Mev/s" if seconds else "-",
-                "rises": f"{100 * float(events.p.mean()):.1f} %",
-            }
-        typer.echo("\n".join([str(path), *(f"  {key:9} {value}" for key, value in lines.items())]))
-    raise typer.Exit(SOME_FAILED if failed else DONE)
+app.command()(info)
+app.command()(convert)
 
 
 @app.command()
