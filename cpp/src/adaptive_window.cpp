@@ -11,10 +11,10 @@
 namespace emseg {
 namespace {
 
-constexpr int tile = velocity_tile;  // step of regions twice as wide, px
+constexpr int tile = velocity_tile;        // step of regions twice as wide, px
 constexpr double same_displacement = 1.6;  // px over the window
 constexpr double enough_displacement =
-    5;  // px over the window: more than pixels' rounding makes, so no accident
+    5;                           // px over the window: more than pixels' rounding makes, so no accident
 constexpr int enough_alike = 4;  // of eight neighbours, which overlap by half or less
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;

@@ -82,7 +82,7 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
     if (labels[k] >= 0) members[static_cast<std::size_t>(labels[k])].push_back(k);
   }
   std::vector<float> x, y;
-  std::vector<std::size_t> pixel;     // of the warped event in a padded image, 0 outside
+  std::vector<std::size_t> pixel;    // of the warped event in a padded image, 0 outside
   std::vector<std::uint16_t> votes;  // up to `most`
   const auto most = static_cast<std::uint16_t>(std::clamp(company + 1, 0, 65535));
   for (std::size_t l = 0; l < models.size(); ++l) {

@@ -53,6 +53,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   for (const auto& found : find_region_velocities(points, positive, regions, plane, options.search, pool)) {
     proposals.insert(proposals.end(), found.begin(), found.end());
   }
+  if (proposals.empty()) return {};
   std::stable_sort(proposals.begin(), proposals.end(), [](const RegionVelocity& a, const RegionVelocity& b) {
     return a.significance > b.significance;
   });
@@ -173,9 +174,8 @@ class PoolSearch {
     constexpr std::uint8_t dear = 120;  // by the logarithmic term, less than a third of the reference
     Sample rest;
     for (std::size_t k = 0; k < points_.size(); ++k) {
-      const bool explained =
-          std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
-                      [&](std::size_t m) { return cost_of_[sharpness_[m][k]] < dear; });
+      const bool explained = std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
+                                         [&](std::size_t m) { return cost_of_[sharpness_[m][k]] < dear; });
       if (!explained) rest.push_back(points_.view(), sample_.positive, k);
     }
     return rest;

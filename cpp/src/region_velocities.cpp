@@ -186,18 +186,18 @@ class EventPairs {
     w.pixels.resize(padded_.area(), 0);
     const Events& events = events_[polarity];
     const double slice = lag / slices_per_lag;
-    const int slices = std::max(1, static_cast<int>(std::ceil((window_ - lag) / slice)));
-    const int used = std::clamp(static_cast<int>(std::ceil(std::min(1.0, share) * slices)), 1, slices);
+    const auto slices = std::max<std::int64_t>(1, std::llround(std::ceil((window_ - lag) / slice)));
+    const auto used = std::clamp<std::int64_t>(
+        std::llround(std::ceil(std::min(1.0, share) * static_cast<double>(slices))), 1, slices);
     const auto u = static_cast<float>(vx), v = static_cast<float>(vy);
-    for (int i = 0; i < used; ++i) {
-      const double start = first_ + ((2 * i + 1) * slices / (2 * used)) * slice;
+    for (std::int64_t i = 0; i < used; ++i) {
+      const double start = first_ + static_cast<double>((2 * i + 1) * slices / (2 * used)) * slice;
       const double later = start + lag;
       const auto middle = static_cast<float>(start + 0.5 * slice);
-      const auto later_middle = static_cast<float>(later + 0.5 * slice);
       w.later.clear();
       for (std::size_t k = events.at(later), last = events.at(later + slice); k < last; ++k) {
-        const std::int32_t pixel = pixel_at(events.x[k] - (events.dt[k] - later_middle) * u,
-                                            events.y[k] - (events.dt[k] - later_middle) * v);
+        const std::int32_t pixel =
+            pixel_at(events.x[k] - (events.dt[k] - middle) * u, events.y[k] - (events.dt[k] - middle) * v);
         if (pixel < 0) continue;
         w.later.push_back(pixel);
         std::uint16_t& count = w.pixels[static_cast<std::size_t>(pixel)];
@@ -253,7 +253,8 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
     rects.push_back(rect);
   }
   std::vector<double> lags{window / 2};
-  while (lags.back() * options.max_speed > reach && lags.size() < options.max_lags) lags.push_back(lags.back() / 3);
+  while (lags.back() * options.max_speed > reach && lags.size() < options.max_lags)
+    lags.push_back(lags.back() / 3);
 
   // Votes of every tile, for every lag and polarity.
   std::vector<EventPairs::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));

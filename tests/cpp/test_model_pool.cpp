@@ -113,11 +113,11 @@ TEST_CASE("one motion makes a pool of one, of the richest kind on offer") {
 }
 
 TEST_CASE("candidates from elsewhere are considered") {
-  // Beyond the bounds of sweep and refinement.
+  // Beyond the bounds of search and refinement.
   const MotionModel fast = Translation{{900, 400}};
   const Scene scene = object_before_scene(Translation{{50, 20}}, fast);
   PoolOptions options;
-  options.sweep.max_speed = 200;
+  options.search.max_speed = 200;
   options.refine.bounds.speed = 200;
   options.lambda_label = 0.2 * static_cast<double>(scene.size());
   const double without = nearest(pool_of(scene, options), fast, scene, 2);

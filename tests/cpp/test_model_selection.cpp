@@ -12,21 +12,25 @@ using namespace emseg::testing;
 
 namespace {
 
-using Costs = std::vector<std::vector<float>>;
+using Costs = std::vector<std::vector<std::int32_t>>;
+
+std::int32_t whole(std::mt19937& random, int below) {
+  return static_cast<std::int32_t>(random() % static_cast<std::uint32_t>(below));
+}
 
 Costs random_costs(std::mt19937& random, std::size_t candidates, std::size_t blocks) {
   Costs costs(candidates);
   for (auto& row : costs) {
-    for (std::size_t b = 0; b < blocks; ++b) row.push_back(static_cast<float>(uniform(random, 0, 100)));
+    for (std::size_t b = 0; b < blocks; ++b) row.push_back(whole(random, 10'000));
   }
   return costs;
 }
 
 // The definition of the objective.
-double cost_of(const Costs& costs, const std::vector<std::size_t>& chosen, double label_cost) {
-  double sum = label_cost * static_cast<double>(chosen.size());
+std::int64_t cost_of(const Costs& costs, const std::vector<std::size_t>& chosen, std::int64_t label_cost) {
+  std::int64_t sum = label_cost * static_cast<std::int64_t>(chosen.size());
   for (std::size_t b = 0; b < costs.front().size(); ++b) {
-    float least = std::numeric_limits<float>::infinity();
+    std::int32_t least = std::numeric_limits<std::int32_t>::max();
     for (const std::size_t m : chosen) least = std::min(least, costs[m][b]);
     sum += least;
   }
@@ -41,8 +45,8 @@ std::vector<std::size_t> members(unsigned subset, std::size_t candidates) {
   return chosen;
 }
 
-double least_cost(const Costs& costs, double label_cost) {
-  double least = std::numeric_limits<double>::infinity();
+std::int64_t least_cost(const Costs& costs, std::int64_t label_cost) {
+  std::int64_t least = std::numeric_limits<std::int64_t>::max();
   for (unsigned subset = 1; subset < 1u << costs.size(); ++subset) {
     least = std::min(least, cost_of(costs, members(subset, costs.size()), label_cost));
   }
@@ -50,14 +54,13 @@ double least_cost(const Costs& costs, double label_cost) {
 }
 
 // Whether candidates are distinct, the cost is that of its definition, and every block is with its cheapest.
-bool consistent(const Selection& selection, const Costs& costs, double label_cost) {
+bool consistent(const Selection& selection, const Costs& costs, std::int64_t label_cost) {
   auto sorted = selection.chosen;
   std::sort(sorted.begin(), sorted.end());
   if (sorted.empty() || std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end()) return false;
-  if (selection.cost != doctest::Approx(cost_of(costs, selection.chosen, label_cost)).epsilon(1e-9))
-    return false;
+  if (selection.cost != cost_of(costs, selection.chosen, label_cost)) return false;
   for (std::size_t b = 0; b < selection.of_block.size(); ++b) {
-    const float own = costs[selection.chosen[static_cast<std::size_t>(selection.of_block[b])]][b];
+    const std::int32_t own = costs[selection.chosen[static_cast<std::size_t>(selection.of_block[b])]][b];
     for (const std::size_t m : selection.chosen) {
       if (costs[m][b] < own) return false;
     }
@@ -75,21 +78,19 @@ TEST_CASE("a selection is consistent, never worse than one model alone, and no s
     CAPTURE(trial);
     const std::size_t candidates = 1 + random() % 8;
     const Costs costs = random_costs(random, candidates, 1 + random() % 12);
-    const double label_cost = uniform(random, 0, 150);
+    const std::int64_t label_cost = whole(random, 15'000);
     const Selection selection = select_models(costs, label_cost);
     REQUIRE(consistent(selection, costs, label_cost));
-    const double tolerance = 2e-6 * selection.cost;
-    REQUIRE(selection.cost >= least_cost(costs, label_cost) - tolerance);
-    optimal += selection.cost <= least_cost(costs, label_cost) + tolerance;
-    for (std::size_t m = 0; m < candidates; ++m)
-      REQUIRE(selection.cost <= cost_of(costs, {m}, label_cost) + tolerance);
+    REQUIRE(selection.cost >= least_cost(costs, label_cost));
+    optimal += selection.cost == least_cost(costs, label_cost);
+    for (std::size_t m = 0; m < candidates; ++m) REQUIRE(selection.cost <= cost_of(costs, {m}, label_cost));
     unsigned found = 0;
     for (const std::size_t m : selection.chosen) found |= 1u << m;
     for (unsigned subset = 1; subset < 1u << candidates; ++subset) {
       // One added, one dropped, or one for another.
       const unsigned added = subset & ~found, dropped = found & ~subset;
       if ((added & (added - 1)) != 0 || (dropped & (dropped - 1)) != 0) continue;
-      REQUIRE(selection.cost <= cost_of(costs, members(subset, candidates), label_cost) + tolerance);
+      REQUIRE(selection.cost <= cost_of(costs, members(subset, candidates), label_cost));
     }
   }
   // Local search promises no optimum in general, but this small it is nearly always there.
@@ -104,15 +105,15 @@ TEST_CASE("after swaps, additions are tried again") {
   for (int trial = 0; trial < 5000 && !pays; ++trial) {
     Costs costs = random_costs(random, 2 + random() % 7, 1 + random() % 12);
     for (auto& row : costs) {
-      for (float& cost : row) cost = static_cast<float>(40 * (random() % 3) + random() % 5);
+      for (std::int32_t& cost : row) cost = 40 * whole(random, 3) + whole(random, 5);
     }
-    const double label_cost = uniform(random, 0, 150);
+    const std::int64_t label_cost = whole(random, 150);
     const Selection selection = select_models(costs, label_cost);
     for (std::size_t m = 0; m < costs.size(); ++m) {
       auto more = selection.chosen;
       if (std::find(more.begin(), more.end(), m) != more.end()) continue;
       more.push_back(m);
-      pays = pays || cost_of(costs, more, label_cost) < selection.cost * (1 - 2e-6);
+      pays = pays || cost_of(costs, more, label_cost) < selection.cost;
     }
   }
   CHECK(!pays);
@@ -123,21 +124,20 @@ TEST_CASE("where theory promises the optimum, it is found") {
   for (int trial = 0; trial < 100; ++trial) {
     const Costs costs = random_costs(random, 1 + random() % 8, 10);
     // Free labels: a candidate that is cheapest anywhere betters every choice without it.
-    REQUIRE(select_models(costs, 0).cost == doctest::Approx(least_cost(costs, 0)).epsilon(1e-9));
+    REQUIRE(select_models(costs, 0).cost == least_cost(costs, 0));
     // Labels dearer than all data: one, the cheapest.
-    const Selection one = select_models(costs, 1e6);
+    const Selection one = select_models(costs, 1'000'000);
     REQUIRE(one.chosen.size() == 1);
-    REQUIRE(one.cost == doctest::Approx(least_cost(costs, 1e6)).epsilon(1e-9));
+    REQUIRE(one.cost == least_cost(costs, 1'000'000));
     // Two candidates: every choice is one change away from every other.
     const Costs two{costs.front(), costs.back()};
-    const double label_cost = uniform(random, 0, 200);
-    REQUIRE(select_models(two, label_cost).cost ==
-            doctest::Approx(least_cost(two, label_cost)).epsilon(1e-5));
+    const std::int64_t label_cost = whole(random, 20'000);
+    REQUIRE(select_models(two, label_cost).cost == least_cost(two, label_cost));
   }
 }
 
 TEST_CASE("models that explain a part each, and one that half explains all") {
-  Costs costs(4, std::vector<float>(30, 200.0f));
+  Costs costs(4, std::vector<std::int32_t>(30, 200));
   for (std::size_t b = 0; b < 30; ++b) {
     costs[b / 10][b] = 0;
     costs[3][b] = 90;
@@ -151,12 +151,23 @@ TEST_CASE("models that explain a part each, and one that half explains all") {
 }
 
 TEST_CASE("copies of a model are chosen once, even for nothing") {
-  const Costs costs(3, std::vector<float>(5, 7.0f));
+  const Costs costs(3, std::vector<std::int32_t>(5, 7));
   CHECK(select_models(costs, 0).chosen.size() == 1);
-  const Costs nothing(2, std::vector<float>(5, 0.0f));
+  const Costs nothing(2, std::vector<std::int32_t>(5, 0));
   const Selection free = select_models(nothing, 0);
   CHECK(free.chosen.size() == 1);
   CHECK(free.cost == 0);
+}
+
+TEST_CASE("sums as large as 32 bits hold, and label costs far beyond") {
+  // Each candidate's costs add up to one less than 2^31, its smallest the other's largest.
+  constexpr std::int32_t much = std::numeric_limits<std::int32_t>::max() - 10;
+  const Costs costs{{much, 10}, {10, much}};
+  for (const std::int64_t label_cost : {std::int64_t{0}, std::int64_t{1'000'000'000'000'000}}) {
+    const Selection selection = select_models(costs, label_cost);
+    CHECK(consistent(selection, costs, label_cost));
+    CHECK(selection.cost == (label_cost == 0 ? 20 : label_cost + much + 10));
+  }
 }
 
 TEST_CASE("every event belongs to the block it lies in, the last ones narrower") {
@@ -168,30 +179,35 @@ TEST_CASE("every event belongs to the block it lies in, the last ones narrower")
   CHECK(grid.of_event == std::vector<std::int32_t>{0, 0, 1, 1, 5, 0});
 }
 
-TEST_CASE("the cost of a block is that of its events and half its neighbours'") {
-  BlockGrid grid;
-  grid.plane = {0, 0, 24, 16};
-  grid.columns = 3;
-  grid.rows = 2;
-  grid.of_event = {0, 0, 1, 5, 4, 4, 4};
-  ModelSupport support;
-  support.sharpness = {0, 0.5f, 1, 0.25f, 0.1f, 2, 0.9f};
-  for (const DataTerm term : {DataTerm::published, DataTerm::logarithmic}) {
-    std::vector<double> own(6, 0.0);
-    for (std::size_t k = 0; k < 7; ++k) {
-      own[static_cast<std::size_t>(grid.of_event[k])] += 3.0 * event_cost(term, support.sharpness[k], 1.5f);
+TEST_CASE("the cost of a block is that of its events and half its neighbours', rounded down") {
+  std::mt19937 random(4);
+  std::vector<std::uint8_t> cost_of(301);
+  for (std::uint8_t& cost : cost_of) cost = static_cast<std::uint8_t>(random() % 256);
+  for (const auto& [columns, rows] : {std::pair{1, 1}, {1, 4}, {5, 1}, {3, 2}, {7, 6}}) {
+    BlockGrid grid;
+    grid.plane = {0, 0, 8 * columns, 8 * rows};
+    grid.columns = columns;
+    grid.rows = rows;
+    std::vector<std::uint16_t> sharpness;
+    std::vector<std::int32_t> own(grid.count(), 0);
+    for (int k = 0; k < 200; ++k) {
+      grid.of_event.push_back(whole(random, columns * rows));
+      sharpness.push_back(static_cast<std::uint16_t>(random() % cost_of.size()));
+      own[static_cast<std::size_t>(grid.of_event.back())] += cost_of[sharpness.back()];
     }
-    const auto costs = block_costs(grid, support, term, 1.5, 3.0);
-    const auto mean = [](double centre, std::initializer_list<double> neighbours) {
-      double sum = centre, weight = 1;
-      for (const double cost : neighbours) sum += 0.5 * cost, weight += 0.5;
-      return sum / weight;
-    };
-    CHECK(costs[0] == doctest::Approx(mean(own[0], {own[1], own[3]})));
-    CHECK(costs[1] == doctest::Approx(mean(own[1], {own[0], own[2], own[4]})));
-    CHECK(costs[2] == doctest::Approx(mean(own[2], {own[1], own[5]})));
-    CHECK(costs[3] == doctest::Approx(mean(own[3], {own[0], own[4]})));
-    CHECK(costs[4] == doctest::Approx(mean(own[4], {own[1], own[3], own[5]})));
-    CHECK(costs[5] == doctest::Approx(mean(own[5], {own[2], own[4]})));
+    const auto costs = block_costs(grid, sharpness, cost_of);
+    REQUIRE(costs.size() == grid.count());
+    for (int block = 0; block < columns * rows; ++block) {
+      double sum = 0, weight = 0;
+      for (int other = 0; other < columns * rows; ++other) {
+        const int apart =
+            std::abs(block % columns - other % columns) + std::abs(block / columns - other / columns);
+        if (apart > 1) continue;
+        const double share = apart == 0 ? 1 : 0.5;
+        sum += share * own[static_cast<std::size_t>(other)];
+        weight += share;
+      }
+      REQUIRE(costs[static_cast<std::size_t>(block)] == std::floor(sum / weight));
+    }
   }
 }
