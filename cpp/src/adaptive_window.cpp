@@ -11,16 +11,17 @@
 namespace emseg {
 namespace {
 
-constexpr int tile = velocity_tile;
+constexpr int tile = velocity_tile;        // step of regions twice as wide, px
 constexpr double same_displacement = 1.6;  // px over the window
 constexpr double enough_displacement =
-    5;  // px over the window: more than pixels' rounding makes, so no accident
+    5;                           // px over the window: more than pixels' rounding makes, so no accident
+constexpr int enough_alike = 4;  // of eight neighbours, which overlap by half or less
 constexpr std::size_t enough_in_window = 200;
 constexpr int enough_in_tile = 20;
 
 // What a window of one duration tells of the speed of the scene.
 struct Rung {
-  double speed = 0;  // px/us, median over the tiles that agree with two neighbours; 0 for unknown
+  double speed = 0;  // px/us, median over the tiles that agree with their neighbours; 0 for unknown
   int tiles = 0;     // that agree
 };
 
@@ -36,11 +37,13 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
   std::vector<Region> regions;
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column)
-      regions.push_back({column * tile, row * tile, tile, tile});
+      regions.push_back({column * tile, row * tile, 2 * tile, 2 * tile});
   }
   RegionVelocityOptions search;
   search.max_speed = options.max_speed;
   search.per_region = 1;
+  search.max_lags = 1;  // shorter windows of the ladder reach faster motions
+  search.max_events = 60'000;
   const auto found =
       find_region_velocities(points.view(), window.p, regions, sensor_region(size), search, pool);
 
@@ -63,7 +66,7 @@ Rung judge(const EventView& window, std::int64_t duration_us, ImageSize size,
           alike += std::hypot(own.vx - other.vx, own.vy - other.vy) * px_per_speed < same_displacement;
         }
       }
-      if (alike >= 2) speeds.push_back(1e-6 * std::hypot(own.vx, own.vy));
+      if (alike >= enough_alike) speeds.push_back(1e-6 * std::hypot(own.vx, own.vy));
     }
   }
   if (speeds.empty()) return {};

@@ -77,35 +77,40 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
                                              std::span<const MotionModel> models, const WarpFrame& frame,
                                              Region plane, int company) {
   std::vector<std::uint8_t> lonely(points.size(), 0);
-  std::vector<std::int32_t> pixel(points.size());  // of the warped event in a padded image, -1 outside
-  const Region canvas = canvas_of(plane);
-  const int stride = canvas.width + 2;
-  std::vector<std::int32_t> votes(static_cast<std::size_t>(stride) *
-                                  static_cast<std::size_t>(canvas.height + 2));
+  std::vector<std::vector<std::size_t>> members(models.size());
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    if (labels[k] >= 0) members[static_cast<std::size_t>(labels[k])].push_back(k);
+  }
+  std::vector<float> x, y;
+  std::vector<std::size_t> pixel;    // of the warped event in a padded image, 0 outside
+  std::vector<std::uint16_t> votes;  // up to `most`
+  const auto most = static_cast<std::uint16_t>(std::clamp(company + 1, 0, 65535));
   for (std::size_t l = 0; l < models.size(); ++l) {
-    std::fill(votes.begin(), votes.end(), 0);
-    std::visit(
-        [&](const auto& m) {
-          const typename std::decay_t<decltype(m)>::Warp warp(m, frame);
-          for (std::size_t k = 0; k < points.size(); ++k) {
-            if (labels[k] != static_cast<std::int32_t>(l)) continue;
-            const Vec2f at = warp(points.x[k], points.y[k], points.dt[k]);
-            const float u = at.x - static_cast<float>(canvas.x0) + 0.5f;
-            const float v = at.y - static_cast<float>(canvas.y0) + 0.5f;
-            const bool inside = u >= 0 && v >= 0 && u < static_cast<float>(canvas.width) &&
-                                v < static_cast<float>(canvas.height);
-            pixel[k] = inside ? (static_cast<int>(v) + 1) * stride + static_cast<int>(u) + 1 : -1;
-            if (inside) ++votes[static_cast<std::size_t>(pixel[k])];
-          }
-        },
-        models[l]);
-    for (std::size_t k = 0; k < points.size(); ++k) {
-      if (labels[k] != static_cast<std::int32_t>(l) || pixel[k] < 0) continue;
+    Points own;
+    own.reserve(members[l].size());
+    for (const std::size_t k : members[l]) own.push_back(points, k);
+    x.resize(own.size());
+    y.resize(own.size());
+    warp_points(own.view(), models[l], frame, x, y);
+    const Region region = bounding_region(x, y, 1, canvas_of(plane));
+    const auto stride = static_cast<std::size_t>(region.width) + 2;
+    votes.assign(stride * (static_cast<std::size_t>(region.height) + 2), 0);
+    pixel.resize(own.size());
+    for (std::size_t i = 0; i < own.size(); ++i) {
+      const float u = x[i] - static_cast<float>(region.x0) + 0.5f;
+      const float v = y[i] - static_cast<float>(region.y0) + 0.5f;
+      const bool inside =
+          u >= 0 && v >= 0 && u < static_cast<float>(region.width) && v < static_cast<float>(region.height);
+      pixel[i] = inside ? (static_cast<std::size_t>(v) + 1) * stride + static_cast<std::size_t>(u) + 1 : 0;
+      if (inside) votes[pixel[i]] = static_cast<std::uint16_t>(votes[pixel[i]] + (votes[pixel[i]] < most));
+    }
+    for (std::size_t i = 0; i < own.size(); ++i) {
+      if (pixel[i] == 0) continue;
       int near = -1;  // not itself
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dx = -1; dx <= 1; ++dx) near += votes[static_cast<std::size_t>(pixel[k] + dy * stride + dx)];
-      }
-      lonely[k] = near < company;
+      for (const std::uint16_t* row = votes.data() + pixel[i] - stride - 1;
+           row <= votes.data() + pixel[i] + stride; row += stride)
+        near += row[0] + row[1] + row[2];
+      lonely[members[l][i]] = near < company;
     }
   }
   return lonely;

@@ -174,9 +174,8 @@ class PoolSearch {
     constexpr std::uint8_t dear = 120;  // by the logarithmic term, less than a third of the reference
     Sample rest;
     for (std::size_t k = 0; k < points_.size(); ++k) {
-      const bool explained =
-          std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
-                      [&](std::size_t m) { return cost_of_[sharpness_[m][k]] < dear; });
+      const bool explained = std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
+                                         [&](std::size_t m) { return cost_of_[sharpness_[m][k]] < dear; });
       if (!explained) rest.push_back(points_.view(), sample_.positive, k);
     }
     return rest;
@@ -335,9 +334,14 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
   }
   search.choose();
   // What is small, or new since the last window, shows where the others are taken away.
-  if (!options.candidates.empty()) {const Sample rest = search.unexplained();
-  search.add(propose_translations(rest.points.view(), rest.positive, tiles, plane, options, pool));
-  search.choose();}
+  if (!options.candidates.empty()) {
+    PoolOptions births = options;
+    births.search.max_lags = 2;
+    births.max_candidates = 16;
+    const Sample rest = search.unexplained();
+    search.add(propose_translations(rest.points.view(), rest.positive, tiles, plane, births, pool));
+    search.choose();
+  }
   // Coarse candidates stay in the race: better models free blocks that others explain.
   for (int round = 0; round < options.max_rounds; ++round) {
     const std::size_t before = search.candidate_count();

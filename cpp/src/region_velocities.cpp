@@ -16,7 +16,6 @@ constexpr int slices_per_lag = 8;           // a motion of `reach` px a lag smea
 constexpr std::uint16_t most_at_pixel = 8;  // more do not count: a hot pixel is not a motion
 constexpr std::size_t most_in_tile = 65535 / most_at_pixel;  // whose votes a 16-bit count holds
 constexpr std::size_t least_events = 40;  // of a region: fewer agree on something by chance
-constexpr std::size_t most_lags = 10;     // down to 1/40,000 of a window: some 600,000 px in it
 constexpr std::size_t patch_size = static_cast<std::size_t>(patch_rows) * patch_columns;
 // Around the plane: patches reach out of it, and following a velocity may have moved places by as much.
 constexpr int margin = 2 * reach + 2;
@@ -254,7 +253,8 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
     rects.push_back(rect);
   }
   std::vector<double> lags{window / 2};
-  while (lags.back() * options.max_speed > reach && lags.size() < most_lags) lags.push_back(lags.back() / 3);
+  while (lags.back() * options.max_speed > reach && lags.size() < options.max_lags)
+    lags.push_back(lags.back() / 3);
 
   // Votes of every tile, for every lag and polarity.
   std::vector<EventPairs::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));

@@ -252,23 +252,21 @@ std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, st
 }
 
 double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {
-  // Of every event along its label's motion, over the window.
+  // Of some thousand events, each along its label's motion, over the window.
   const double window = static_cast<double>(points.dt.back()) - points.dt.front();
   std::vector<double> lengths;
-  lengths.reserve(points.size());
   const auto duration = static_cast<float>(std::max(window, 1e-6));
-  for (std::size_t l = 0; l < result.models.size(); ++l) {
+  for (const std::size_t k : even_sample(points.size(), 4096)) {
+    if (result.labels[k] < 0) continue;
+    const MotionModel& motion = result.models[static_cast<std::size_t>(result.labels[k])];
     std::visit(
         [&](const auto& model) {
           const typename std::decay_t<decltype(model)>::Warp warp(model, frame_);
-          for (std::size_t k = 0; k < points.size(); ++k) {
-            if (result.labels[k] != static_cast<std::int32_t>(l)) continue;
-            const Vec2f to = warp(points.x[k], points.y[k], duration);
-            const double length = std::hypot(to.x - points.x[k], to.y - points.y[k]);
-            if (std::isfinite(length)) lengths.push_back(length);
-          }
+          const Vec2f to = warp(points.x[k], points.y[k], duration);
+          const double length = std::hypot(to.x - points.x[k], to.y - points.y[k]);
+          if (std::isfinite(length)) lengths.push_back(length);
         },
-        result.models[l]);
+        motion);
   }
   if (lengths.empty()) return 0;
   const auto rank = static_cast<std::ptrdiff_t>(0.5 * static_cast<double>(lengths.size() - 1));

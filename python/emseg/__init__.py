@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emseg.metrics import evaluate
     from emseg.motion import MotionModel, fit_motion, iwe, warp
     from emseg.segmentation import Segmentation, Segmenter, segment
+    from emseg.simulation import simulate
 
 __version__: Final[str] = _core.version
 
@@ -38,6 +39,7 @@ _LAZY: Final[dict[str, str]] = {
     "max_flow": "emseg.graph_cut",
     "read": "emseg.io",
     "segment": "emseg.segmentation",
+    "simulate": "emseg.simulation",
     "warp": "emseg.motion",
 }
 
@@ -58,6 +60,7 @@ __all__ = [
     "max_flow",
     "read",
     "segment",
+    "simulate",
     "warp",
 ]
 

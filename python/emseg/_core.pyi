@@ -11,17 +11,29 @@ import numpy
 import numpy.typing
 
 __all__: list[str] = [
+    "BackgroundActivityFilter",
     "Camera",
     "ContrastWorkspace",
     "DistortionModel",
+    "EventStreamDecoder",
+    "EventStreamKind",
+    "EvtDecoder",
+    "EvtEncoding",
     "IweWorkspace",
+    "OutlineKind",
+    "Path",
+    "Scene",
     "Segmentation",
     "Segmenter",
     "SegmenterOptions",
+    "SensorOptions",
+    "SimulationOptions",
+    "TextureKind",
     "WarpFrame",
     "band_expansion",
     "check_events",
     "contrast",
+    "decode_libcaer_packet",
     "delaunay_edges",
     "delaunay_edges_cgal",
     "event_graph",
@@ -106,6 +118,152 @@ class Camera:
     ) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
         """
         Undistorted x and y of every pixel, two float32 arrays (height, width).
+        """
+
+class BackgroundActivityFilter:
+    """
+    Keeps events with a neighbour not long before them.
+    """
+    def __init__(
+        self,
+        width: typing.SupportsInt | typing.SupportsIndex,
+        height: typing.SupportsInt | typing.SupportsIndex,
+        duration_us: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def keep(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+    ) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        1 for each event of the next chunk that is to stay, else 0, uint8 (n,).
+        """
+
+class EvtEncoding:
+    """
+    How a Prophesee stream is encoded.
+
+    Members:
+
+      evt2
+
+      evt21
+
+      evt21_swapped
+
+      evt3
+    """
+
+    __members__: typing.ClassVar[dict[str, EvtEncoding]]
+    evt2: typing.ClassVar[EvtEncoding]
+    evt21: typing.ClassVar[EvtEncoding]
+    evt21_swapped: typing.ClassVar[EvtEncoding]
+    evt3: typing.ClassVar[EvtEncoding]
+    @typing.overload
+    def __eq__(self, other: EvtEncoding) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: EvtEncoding) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class EvtDecoder:
+    """
+    Decodes a Prophesee byte stream piece by piece.
+    """
+    def __init__(self, encoding: EvtEncoding) -> None: ...
+    def decode(
+        self, bytes: numpy.typing.NDArray[numpy.uint8]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.uint8],
+    ]:
+        """
+        Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).
+        """
+    @property
+    def origin(self) -> int:
+        """
+        Where the maker's own tools let time begin, us.
+        """
+    @property
+    def pending(self) -> int:
+        """
+        Bytes of a word whose rest is still to come.
+        """
+
+class EventStreamKind:
+    """
+    What an Event Stream file holds.
+
+    Members:
+
+      dvs
+
+      atis
+    """
+
+    __members__: typing.ClassVar[dict[str, EventStreamKind]]
+    atis: typing.ClassVar[EventStreamKind]
+    dvs: typing.ClassVar[EventStreamKind]
+    @typing.overload
+    def __eq__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: EventStreamKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class EventStreamDecoder:
+    """
+    Decodes an Event Stream piece by piece.
+    """
+    def __init__(self, kind: EventStreamKind) -> None: ...
+    def decode(
+        self, bytes: numpy.typing.NDArray[numpy.uint8]
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.uint16],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.uint8],
+    ]:
+        """
+        Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).
+        """
+    @property
+    def pending(self) -> int:
+        """
+        Bytes of an event whose rest is still to come.
         """
 
 class WarpFrame:
@@ -266,6 +424,291 @@ class Segmenter:
         One past the last event of a window of this duration; 0 is judged from the events.
         """
 
+class TextureKind:
+    """
+    Members:
+
+      plain
+
+      leaves
+
+      blocks
+
+      checker
+
+      stripes
+
+      clouds
+    """
+
+    __members__: typing.ClassVar[dict[str, TextureKind]]
+    blocks: typing.ClassVar[TextureKind]
+    checker: typing.ClassVar[TextureKind]
+    clouds: typing.ClassVar[TextureKind]
+    leaves: typing.ClassVar[TextureKind]
+    plain: typing.ClassVar[TextureKind]
+    stripes: typing.ClassVar[TextureKind]
+    @typing.overload
+    def __eq__(self, other: TextureKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: TextureKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class OutlineKind:
+    """
+    Members:
+
+      polygon
+
+      blob
+
+      net
+    """
+
+    __members__: typing.ClassVar[dict[str, OutlineKind]]
+    blob: typing.ClassVar[OutlineKind]
+    net: typing.ClassVar[OutlineKind]
+    polygon: typing.ClassVar[OutlineKind]
+    @typing.overload
+    def __eq__(self, other: OutlineKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: OutlineKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class SensorOptions:
+    """
+    Settings of the simulated sensor.
+    """
+    def __init__(self) -> None: ...
+    @property
+    def cutoff(self) -> float: ...
+    @cutoff.setter
+    def cutoff(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def dark_intensity(self) -> float: ...
+    @dark_intensity.setter
+    def dark_intensity(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def hot_fraction(self) -> float: ...
+    @hot_fraction.setter
+    def hot_fraction(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def hot_rate(self) -> float: ...
+    @hot_rate.setter
+    def hot_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def leak(self) -> float: ...
+    @leak.setter
+    def leak(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def leak_sigma(self) -> float: ...
+    @leak_sigma.setter
+    def leak_sigma(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def refractory(self) -> float: ...
+    @refractory.setter
+    def refractory(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seed(self) -> int: ...
+    @seed.setter
+    def seed(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def shot_noise(self) -> float: ...
+    @shot_noise.setter
+    def shot_noise(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def shot_noise_bright(self) -> float: ...
+    @shot_noise_bright.setter
+    def shot_noise_bright(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def threshold_off(self) -> float: ...
+    @threshold_off.setter
+    def threshold_off(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def threshold_on(self) -> float: ...
+    @threshold_on.setter
+    def threshold_on(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def threshold_sigma(self) -> float: ...
+    @threshold_sigma.setter
+    def threshold_sigma(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class SimulationOptions:
+    """
+    Settings of a simulation.
+    """
+    def __init__(self) -> None: ...
+    @property
+    def duration(self) -> float: ...
+    @duration.setter
+    def duration(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def largest_motion(self) -> float: ...
+    @largest_motion.setter
+    def largest_motion(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def largest_step(self) -> float: ...
+    @largest_step.setter
+    def largest_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def latency_jitter(self) -> float: ...
+    @latency_jitter.setter
+    def latency_jitter(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def readout_interval(self) -> float: ...
+    @readout_interval.setter
+    def readout_interval(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def smallest_step(self) -> float: ...
+    @smallest_step.setter
+    def smallest_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def threads(self) -> int: ...
+    @threads.setter
+    def threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class Path:
+    """
+    A pose through time, cubic between equidistant samples.
+    """
+    def __init__(
+        self,
+        samples: numpy.typing.NDArray[numpy.float64],
+        interval: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None:
+        """
+        Samples float64 (n, 7) of x, y, z, qw, qx, qy, qz from time 0 on, `interval` seconds apart.
+        """
+    def poses(self, seconds: numpy.typing.NDArray[numpy.float64]) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Poses at the given times, float64 (n, 4, 4).
+        """
+
+class Scene:
+    """
+    A scene as the renderer takes it.
+    """
+    def __init__(self, camera: Camera, T_world_camera: Path) -> None: ...
+    def add_body(self, T_world_body: Path, label: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        Returns its index.
+        """
+    def add_light(
+        self, gain: numpy.typing.NDArray[numpy.float32], interval: typing.SupportsFloat | typing.SupportsIndex
+    ) -> int:
+        """
+        Returns its index.
+        """
+    def add_surface(
+        self,
+        *,
+        body: typing.SupportsInt | typing.SupportsIndex,
+        origin: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
+        ],
+        axis_u: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
+        ],
+        axis_v: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
+        ],
+        polygon: collections.abc.Sequence[
+            typing.Annotated[
+                collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+            ]
+        ],
+        outline: OutlineKind,
+        radius: typing.SupportsFloat | typing.SupportsIndex,
+        harmonics: typing.Annotated[
+            collections.abc.Sequence[
+                typing.Annotated[
+                    collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+                ]
+            ],
+            "FixedSize(4)",
+        ],
+        pitch: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+        bar: typing.SupportsFloat | typing.SupportsIndex,
+        texture: typing.SupportsInt | typing.SupportsIndex,
+        texels_per_metre: typing.SupportsFloat | typing.SupportsIndex,
+        texture_offset: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+        light: typing.SupportsInt | typing.SupportsIndex,
+        two_sided: bool,
+    ) -> int:
+        """
+        Returns its index.
+        """
+    def add_texture(
+        self,
+        *,
+        kind: TextureKind,
+        grain: typing.SupportsFloat | typing.SupportsIndex,
+        density: typing.SupportsFloat | typing.SupportsIndex,
+        low: typing.SupportsFloat | typing.SupportsIndex,
+        high: typing.SupportsFloat | typing.SupportsIndex,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        seed: typing.SupportsInt | typing.SupportsIndex,
+    ) -> int:
+        """
+        Returns its index.
+        """
+    def set_light(
+        self,
+        *,
+        sun: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
+        ],
+        ambient: typing.SupportsFloat | typing.SupportsIndex,
+        sky: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def simulate(self, sensor: SensorOptions, options: SimulationOptions) -> dict[str, numpy.ndarray]:
+        """
+        Events as a dict of columns x, y, t (us), p and owner (label of the surface, -1 noise).
+        """
+    def truth(
+        self,
+        seconds: numpy.typing.NDArray[numpy.float64],
+        interval: typing.SupportsFloat | typing.SupportsIndex,
+        threads: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> dict[str, numpy.ndarray]:
+        """
+        Images (n, height, width) of what is seen at the given times: intensity, label, depth (m) and the motion in px over the next interval (s).
+        """
+
 def band_expansion(
     x: numpy.typing.NDArray[numpy.uint16],
     y: numpy.typing.NDArray[numpy.uint16],
@@ -309,6 +752,18 @@ def contrast(
 ) -> tuple[float, numpy.typing.NDArray[numpy.float64]]:
     """
     Contrast of the IWE over the sensor and its gradient by the parameters, float64 (dof,).
+    """
+
+def decode_libcaer_packet(
+    bytes: numpy.typing.NDArray[numpy.uint8],
+) -> tuple[
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.uint8],
+]:
+    """
+    Columns x, y, t (us since the packet's time base), p of a packet `libcaer_cmp`.
     """
 
 def delaunay_edges(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.typing.NDArray[numpy.int32]:

@@ -107,7 +107,7 @@ def _is_recording(path: Path) -> bool:
     try:
         find_reader(path)
     except ReadError as error:
-        level = logging.WARNING if "not supported yet" in str(error) else logging.DEBUG
+        level = logging.WARNING if "recognised as" in str(error) else logging.DEBUG
         _log.log(level, "%s: passed over", error)
         return False
     return True

@@ -100,16 +100,24 @@ class Camera:
 
     @classmethod
     def from_file(
-        cls, path: str | os.PathLike[str], *, width: int | None = None, height: int | None = None
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        name: str | None = None,
     ) -> Camera:
         """Read a calibration: YAML (`.yaml`, `.yml`) or text.
 
-        YAML holds the names of this class; text holds `fx fy cx cy k1 k2 p1 p2 k3` on one line, as the
-        calibrations of the Event Camera Dataset do, and no size.
+        YAML holds the names of this class; or it is ROS's (`camera_matrix`, as camera_calibration and
+        CameraInfo have it), or kalibr's (`cam0` with `intrinsics`, also as DSEC nests it).  Text holds
+        `fx fy cx cy k1 k2 p1 p2 k3` on one line, as the calibrations of the Event Camera Dataset do, and no
+        size.
 
         Args:
             path: the file.
             width, height: sensor size, px; needed where the file has none.
+            name: which camera of a file of several, such as "cam1"; None: the first.
 
         Raises:
             OSError: the file cannot be read.
@@ -118,14 +126,14 @@ class Camera:
         from pathlib import Path  # slow to import, as yaml is
 
         path = Path(path)
-        read = _read_yaml if path.suffix.lower() in (".yaml", ".yml") else _read_text
-        values = read(path)
-        for name, value in (("width", width), ("height", height)):
+        is_yaml = path.suffix.lower() in (".yaml", ".yml")
+        values = _read_yaml(path, name) if is_yaml else _read_text(path)
+        for side, value in (("width", width), ("height", height)):
             if value is None:
                 continue
-            if values.setdefault(name, value) != value:
-                raise ValueError(f"{path}: {name} is {values[name]}, but {value} was asked for")
-        missing = [name for name in ("width", "height", "fx", "fy", "cx", "cy") if name not in values]
+            if values.setdefault(side, value) != value:
+                raise ValueError(f"{path}: {side} is {values[side]}, but {value} was asked for")
+        missing = [key for key in ("width", "height", "fx", "fy", "cx", "cy") if key not in values]
         if missing:
             raise ValueError(f"{path}: {', '.join(missing)} missing")
         try:
@@ -140,7 +148,7 @@ def _number(name: str, value: object) -> float:
     return float(value)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def _read_yaml(path: Path, name: str | None) -> dict[str, Any]:
     import yaml  # slow to import, and cameras rarely come from files
 
     try:
@@ -149,13 +157,97 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(document, Mapping):
         raise ValueError(f"{path}: expected a mapping of camera fields, found {type(document).__name__}")
+    cameras = _kalibr_cameras(document)
+    if cameras:
+        chosen = next(iter(cameras)) if name is None else name
+        if chosen not in cameras:
+            raise ValueError(f"{path}: no camera {chosen!r}, expected one of: {', '.join(cameras)}")
+        return _read_kalibr(path, chosen, cameras[chosen])
+    if name is not None:
+        raise ValueError(f"{path}: no camera {name!r}: the file holds one, without a name")
+    if isinstance(document.get("camera_matrix"), Mapping):
+        return _read_ros(path, document)
     known = {field.name for field in fields(Camera)}
-    unknown = sorted(str(name) for name in document if name not in known)
+    unknown = sorted(str(key) for key in document if key not in known)
     if unknown:
         raise ValueError(f"{path}: unknown camera fields {', '.join(unknown)}")
     if not isinstance(document.get("distortion", []), list):
         raise ValueError(f"{path}: distortion is {document['distortion']!r}, expected a list of numbers")
     return dict(document)
+
+
+# The models of ROS and kalibr, by our names.
+_MODELS: dict[str, DistortionModel | None] = {
+    "plumb_bob": "radtan",
+    "radtan": "radtan",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "none": None,
+    "": None,
+}
+
+
+def _distorted(path: Path, model: object, coefficients: list[float]) -> dict[str, Any]:
+    name = str(model if model is not None else "none").lower()
+    if name not in _MODELS:
+        known = ", ".join(key for key in _MODELS if key)
+        raise ValueError(f"{path}: distortion_model is {model!r}, expected one of: {known}")
+    if _MODELS[name] is None:
+        return {"distortion": (), "model": None}
+    return {"distortion": tuple(coefficients), "model": _MODELS[name]}
+
+
+def _numbers(path: Path, key: str, value: object, counts: tuple[int, ...]) -> list[float]:
+    expected = " or ".join(map(str, counts))
+    if not isinstance(value, list) or (counts and len(value) not in counts):
+        raise ValueError(f"{path}: {key} is {value!r}, expected a list of {expected} numbers")
+    try:
+        # YAML takes 1e-05, as Python writes it, for text: its floats have a point.
+        return [_number(key, float(number) if isinstance(number, str) else number) for number in value]
+    except ValueError:
+        raise ValueError(f"{path}: {key} is {value!r}, expected numbers") from None
+
+
+def _read_ros(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
+    """ROS's camera_info: a 3x3 matrix by rows, and coefficients."""
+    k = _numbers(path, "camera_matrix.data", document["camera_matrix"].get("data"), (9,))
+    if k[1] != 0:
+        raise ValueError(f"{path}: camera_matrix.data has skew {k[1]:g}, expected 0")
+    coefficients = document.get("distortion_coefficients", {"data": []})
+    data = coefficients.get("data") if isinstance(coefficients, Mapping) else coefficients
+    distortion = _numbers(path, "distortion_coefficients.data", data, (0, 4, 5))
+    values: dict[str, Any] = {"fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5]}
+    for side in ("width", "height"):
+        if f"image_{side}" in document:
+            values[side] = document[f"image_{side}"]
+    model = document.get("distortion_model", "plumb_bob" if distortion else "none")
+    return values | _distorted(path, model, distortion)
+
+
+def _kalibr_cameras(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The cameras of a kalibr camchain, or of DSEC's `cam_to_cam.yaml`, which nests them."""
+    nested = document.get("intrinsics")
+    chain = nested if isinstance(nested, Mapping) else document
+    return {
+        str(key): value
+        for key, value in chain.items()
+        if isinstance(value, Mapping)
+        and isinstance(value.get("intrinsics", value.get("camera_matrix")), list)
+    }
+
+
+def _read_kalibr(path: Path, name: str, camera: Mapping[str, Any]) -> dict[str, Any]:
+    if camera.get("camera_model", "pinhole") != "pinhole":
+        raise ValueError(f"{path}: {name}: camera_model is {camera['camera_model']!r}, expected 'pinhole'")
+    key = "intrinsics" if "intrinsics" in camera else "camera_matrix"
+    fx, fy, cx, cy = _numbers(path, f"{name}.{key}", camera[key], (4,))
+    values: dict[str, Any] = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    if "resolution" in camera:
+        sides = _numbers(path, f"{name}.resolution", camera["resolution"], (2,))
+        values["width"], values["height"] = (int(side) if side == int(side) else side for side in sides)
+    coefficients = camera.get("distortion_coeffs", [])
+    distortion = _numbers(path, f"{name}.distortion_coeffs", coefficients, (0, 4, 5))
+    return values | _distorted(path, camera.get("distortion_model"), distortion)
 
 
 def _read_text(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `config`, `demo`, `render`.
+"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -10,12 +10,13 @@ import logging
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Final, NoReturn
+from typing import Annotated, Any, Final, Literal, NoReturn
 
 import typer
 from tqdm import tqdm
 
 import emseg
+from emseg.cli_recordings import convert, info
 from emseg.config import Config
 from emseg.yaml_files import ConfigError
 
@@ -155,36 +156,8 @@ class _Bar:
         self._bar = self._source = None
 
 
-@app.command()
-def info(inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings.")]) -> None:
-    """Say what recordings hold."""
-    from emseg.io import ReadError, find_reader, read
-
-    failed = 0
-    for path in inputs:
-        try:
-            name = find_reader(path).name
-            events = read(path)
-        except ReadError as error:
-            failed += 1
-            typer.echo(f"failed: {error}", err=True)
-            continue
-        seconds = events.duration / 1e6
-        lines = {
-            "format": name,
-            "sensor": f"{events.width}x{events.height}",
-            "events": f"{len(events):,}",
-        }
-        if len(events):
-            lines |= {
-                "first": f"{events.t[0]} µs",
-                "last": f"{events.t[-1]} µs",
-                "duration": f"{seconds:.6f} s",
-                "rate": f"{len(events) / seconds / 1e6:.3f} Mev/s" if seconds else "-",
-                "rises": f"{100 * float(events.p.mean()):.1f} %",
-            }
-        typer.echo("\n".join([str(path), *(f"  {key:9} {value}" for key, value in lines.items())]))
-    raise typer.Exit(SOME_FAILED if failed else DONE)
+app.command()(info)
+app.command()(convert)
 
 
 @app.command()
@@ -241,6 +214,48 @@ def render(
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
     typer.echo(f"done: {target}")
+
+
+@app.command()
+def simulate(
+    scene: Annotated[Path | None, typer.Argument(metavar="[SCENE]", help="A scene, YAML.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where it goes.")] = None,
+    layout: Annotated[
+        Literal["npz", "evimo2", "evimo", "evimo-txt"],
+        typer.Option("--format", help="npz, or a layout of EV-IMO; docs/simulation.md describes them."),
+    ] = "npz",
+    suite: Annotated[
+        Path | None, typer.Option("--suite", metavar="DIR", help="Make the scene suite into a folder.")
+    ] = None,
+    seeds: Annotated[str, typer.Option("--seeds", metavar="A:B", help="Its seeds, A to B-1.")] = "0:1",
+    scenes: Annotated[str, typer.Option("--scenes", help="Names of its scenes, by commas; all.")] = "",
+    duration: Annotated[
+        float, typer.Option("--duration", min=0.01, max=60, help="Length of its recordings, s.")
+    ] = 0.5,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
+) -> None:
+    """Simulate a scene, or the scene suite, with exact truth.
+
+    The suite goes to DIR/<split>/<scene>_<seed>.npz and is listed in DIR/manifest.json; what is there already
+    is not made again.
+    """
+    from emseg.simulation.command import simulate_scene, simulate_suite
+
+    if (scene is None) == (suite is None):
+        raise typer.BadParameter("expected a scene or --suite, one of them", param_hint="SCENE")
+    try:
+        if suite is not None:
+            names = [name.strip() for name in scenes.split(",") if name.strip()]
+            failed = simulate_suite(suite, seeds, names, duration, jobs, typer.echo)
+        else:
+            assert scene is not None
+            if out is None:
+                raise typer.BadParameter("expected where the recording goes", param_hint="--out")
+            failed = simulate_scene(scene, out, layout, typer.echo)
+    except KeyboardInterrupt:
+        typer.echo("interrupted; finished recordings stay, no half ones are left", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    raise typer.Exit(SOME_FAILED if failed else DONE)
 
 
 def _config(path: Path | None, preset: str | None) -> Config:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import copy
 import itertools
+import os
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -36,6 +40,8 @@ _KINDS: Final[dict[str, list[str]]] = {
 
 # Windows in a row whose length follows from the motions found in the last one.
 _WINDOWS_ON_TRUST: Final = 8
+
+_WINDOWS_AT_A_TIME: Final = 2
 
 
 def engine_options(config: Config) -> _core.SegmenterOptions:
@@ -203,8 +209,11 @@ class Segmenter:
         self.height = height
         self.camera = camera
         self.config = config or Config()
-        native_camera = camera.to_native() if camera else None
-        self._engine = _core.Segmenter(width, height, engine_options(self.config), native_camera)
+        self._native_camera = camera.to_native() if camera else None
+        self._engine = self._new_engine(engine_options(self.config))
+
+    def _new_engine(self, options: _core.SegmenterOptions) -> _core.Segmenter:
+        return _core.Segmenter(self.width, self.height, options, self._native_camera)
 
     def segment(
         self,
@@ -230,7 +239,18 @@ class Segmenter:
                 f"the events' sensor is {events.width}x{events.height}, "
                 f"the segmenter's {self.width}x{self.height}"
             )
-        found = self._engine.segment(
+        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+
+    def _segment_by(
+        self,
+        engine: _core.Segmenter,
+        events: EventArray,
+        *,
+        pool: Sequence[MotionModel] = (),
+        candidates: Sequence[MotionModel] = (),
+        t_ref: int | None = None,
+    ) -> Segmentation:
+        found = engine.segment(
             events.x,
             events.y,
             events.t,
@@ -286,29 +306,50 @@ class Segmenter:
             to window, and parts of one motion that lie apart are objects of their own.
         """
         tracker = Tracker(events.width, events.height)
-        last: Segmentation | None = None
-        fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
-        intervals = self.windows(events) if fixed else None
-        start = 0
-        for count in itertools.count():
-            if intervals is not None:
-                interval = next(intervals, None)
-                if interval is None:
-                    return
-                start, stop = interval
-            elif start < len(events):
-                # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
-                known = last if count % _WINDOWS_ON_TRUST else None
-                stop = self._adaptive_stop(events, start, known)
-            else:
-                return
-            found = self.segment(events[start:stop], candidates=last.models if last else ())
-            last = found
+        for start, found in self._segment_windows(events):
             labels, models = tracker.assign(
                 found.events, found.labels, found.models, found.t_ref, self.camera
             )
             yield found.relabelled(labels, models, start=start)
-            start = stop
+
+    def _segment_windows(self, events: EventArray) -> Iterator[tuple[int, Segmentation]]:
+        """Windows in order, with their first event; labels as `segment` gives them.
+
+        Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
+        found, whatever the number of threads, so that the labels do not depend on it.
+        """
+        fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
+        intervals = self.windows(events) if fixed else None
+        threads = self.config.threads or len(os.sched_getaffinity(0))
+        options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
+        engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
+        running: deque[tuple[int, Future[Segmentation]]] = deque()
+        with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
+            stop = 0
+            for count in itertools.count():
+                done = None
+                if len(running) == _WINDOWS_AT_A_TIME:
+                    begin, future = running.popleft()
+                    done = begin, future.result()
+                known = done[1] if done else None
+                start = stop
+                if intervals is not None:
+                    start, stop = next(intervals, (len(events), len(events)))
+                elif start < len(events):
+                    # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
+                    stop = self._adaptive_stop(events, start, known if count % _WINDOWS_ON_TRUST else None)
+                if start < stop:
+                    candidates = known.models if known else ()
+                    task = executor.submit(
+                        self._segment_by, next(engines), events[start:stop], candidates=candidates
+                    )
+                    running.append((start, task))
+                if done:
+                    yield done
+                elif start >= stop:
+                    break
+            for begin, future in running:
+                yield begin, future.result()
 
     def _adaptive_stop(self, events: EventArray, start: int, last: Segmentation | None) -> int:
         duration = 0 if last is None else last.next_duration

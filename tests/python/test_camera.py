@@ -183,6 +183,105 @@ def test_bad_files_are_named(tmp_path: Path, name: str, content: str, complaint:
         Camera.from_file(file, width=240, height=180)
 
 
+ROS = """
+image_width: 346
+image_height: 260
+camera_name: davis
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [263.28, 0.0, 176.16, 0.0, 263.7, 125.1, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 4
+  data: [-0.384, 0.1547, 8e-4, 0.0003]
+"""
+KALIBR = """
+cam0:
+  camera_model: pinhole
+  intrinsics: [290, 291, 322, 241]
+  distortion_model: equidistant
+  distortion_coeffs: [-0.02, 0.004, -0.003, 0.0005]
+  resolution: [640, 480]
+  rostopic: /events
+cam1:
+  camera_model: pinhole
+  intrinsics: [250, 250, 120, 90]
+  distortion_model: none
+  distortion_coeffs: []
+  resolution: [240, 180]
+"""
+DSEC = """
+intrinsics:
+  cam0:
+    camera_matrix: [289.77, 288.81, 185.98, 132.58]
+    distortion_model: radtan
+    distortion_coeffs: [-0.3617, 0.1587, 0, 0]
+    resolution: [346, 260]
+extrinsics:
+  T_10: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "camera"),
+    [
+        (ROS, None, SENSORS["hkust"]),
+        (KALIBR, None, SENSORS["fisheye"]),
+        (KALIBR, "cam1", EED),
+        (DSEC, None, SENSORS["distsurf"]),
+        (DSEC, "cam0", SENSORS["distsurf"]),
+    ],
+)
+def test_reads_the_calibrations_of_others(
+    tmp_path: Path, content: str, name: str | None, camera: Camera
+) -> None:
+    file = tmp_path / "calibration.yaml"
+    file.write_text(content)
+    assert Camera.from_file(file, name=name) == camera
+    assert Camera.from_file(file, width=camera.width, height=camera.height, name=name) == camera
+
+
+@pytest.mark.parametrize(
+    ("content", "old", "new", "complaint"),
+    [
+        (ROS, "plumb_bob", "rational_polynomial", "distortion_model is 'rational_polynomial', expected"),
+        (ROS, "[263.28, 0.0,", "[263.28, 0.1,", "camera_matrix.data has skew 0.1, expected 0"),
+        (ROS, ", 0.0, 0.0, 1.0]", "]", "camera_matrix.data is .* expected a list of 9 numbers"),
+        (ROS, "8e-4", "often", "distortion_coefficients.data is .*'often'.*, expected numbers"),
+        (ROS, "image_width: 346", "", "width missing"),
+        (
+            KALIBR,
+            "camera_model: pinhole",
+            "camera_model: omni",
+            "cam0: camera_model is 'omni', expected 'pinhole'",
+        ),
+        (KALIBR, "[290, 291, 322, 241]", "[290, 291]", "cam0.intrinsics is .* expected a list of 4 numbers"),
+        (KALIBR, "[640, 480]", "640", "cam0.resolution is 640, expected a list of 2 numbers"),
+        (DSEC, "289.77", "-289.77", "camera: fx is -289.77"),
+    ],
+)
+def test_bad_calibrations_of_others_are_named(
+    tmp_path: Path, content: str, old: str, new: str, complaint: str
+) -> None:
+    file = tmp_path / "calibration.yaml"
+    assert old in content
+    file.write_text(content.replace(old, new))
+    with pytest.raises(ValueError, match=rf"calibration\.yaml: .*{complaint}"):
+        Camera.from_file(file)
+
+
+def test_one_camera_of_several_is_chosen_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "calibration.yaml"
+    file.write_text(KALIBR)
+    with pytest.raises(ValueError, match="no camera 'cam7', expected one of: cam0, cam1"):
+        Camera.from_file(file, name="cam7")
+    file.write_text(ROS)
+    with pytest.raises(ValueError, match="the file holds one, without a name"):
+        Camera.from_file(file, name="cam0")
+
+
 def test_text_needs_a_size(tmp_path: Path) -> None:
     file = tmp_path / "calib.txt"
     file.write_text("250 250 120 90")

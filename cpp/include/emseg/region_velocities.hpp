@@ -22,8 +22,9 @@ struct RegionVelocity {
 };
 
 struct RegionVelocityOptions {
-  double max_speed = 5000;          // largest |vx| and |vy|, px/s (Affine_trans2d_max)
-  std::size_t per_region = 2;       // velocities of each region
+  double max_speed = 5000;     // largest |vx| and |vy|, px/s (Affine_trans2d_max)
+  std::size_t per_region = 2;  // velocities of each region
+  std::size_t max_lags = 10;   // the first reaches 30 px over the window, each further one three times that
   std::size_t max_events = 15'000;  // used of a window, evenly in time
   std::size_t max_followed = 8;     // velocities of a short lag that are followed back
   std::size_t max_voters = 8000;    // events whose displacements to later ones count, at each lag

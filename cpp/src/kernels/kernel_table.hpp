@@ -78,8 +78,8 @@ struct KernelTable {
   void (*filter_rows)(const float* const* rows, std::size_t n, const float* taps, int radius,
                       float* filtered);
 
-  // Cells of the nearest pixels in a region that has `padding` cells around it; 0 for places outside the region
-  // and undefined ones.
+  // Cells of the nearest pixels in a region that has `padding` cells around it; 0 for places outside the
+  // region and undefined ones.
   void (*nearest_cells)(const CellGrid& grid, const float* x, const float* y, std::size_t n,
                         std::int32_t padding, std::int32_t* cell);
 

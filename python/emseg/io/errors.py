@@ -18,7 +18,9 @@ class ReadError(ValueError):
 
     def __init__(self, path: str | PathLike[str], problem: str, *, place: str | None = None) -> None:
         self.path, self.problem, self.place = path, problem, place
-        super().__init__(": ".join(part for part in (str(path), place, problem) if part))
+        line = ": ".join(part for part in (place, problem) if part)
+        # One line, whatever other people's libraries say.
+        super().__init__(f"{path}: {' '.join(line.split())}")
 
     def __reduce__(self) -> tuple[object, ...]:
         # Errors cross process borders, and Exception would forget the keyword.

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import logging
 from os import PathLike
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-__all__ = ["KNOWN_SENSORS", "infer_size"]
+__all__ = ["KNOWN_SENSORS", "guess_size"]
 
 _log = logging.getLogger(__name__)
 
@@ -25,18 +22,25 @@ KNOWN_SENSORS: Final[dict[tuple[int, int], str]] = {
 """Width and height in px of common sensors, smallest first."""
 
 
-def infer_size(x: npt.NDArray[Any], y: npt.NDArray[Any], path: str | PathLike[str]) -> tuple[int, int]:
+def guess_size(right: float, bottom: float, path: str | PathLike[str]) -> tuple[int, int]:
     """A sensor size that holds all coordinates, for a file that names none.
 
     The smallest known sensor that holds them; where none does, one more than the largest coordinates.  It is
     a guess, and logged as a warning: the far edge of the sensor may have seen no event.
+
+    Args:
+        right: Largest column of an event, px; negative where there is no event.
+        bottom: Largest row of an event, px.
+        path: The file, for the warning.
+
+    Raises:
+        ValueError: without events, or where no sensor holds them.
     """
-    if not x.size:
+    if right < 0 and bottom < 0:
         raise ValueError("holds no events and no sensor size: give width and height")
-    bottom_right = float(np.max(x)), float(np.max(y))
-    if not all(0 <= side < 65536 for side in bottom_right):
-        raise ValueError(f"no sensor holds coordinates up to {bottom_right}, expected 0..65535")
-    used = int(bottom_right[0]) + 1, int(bottom_right[1]) + 1
+    if not all(0 <= side < 65536 for side in (right, bottom)):
+        raise ValueError(f"no sensor holds coordinates up to ({right:g}, {bottom:g}), expected 0..65535")
+    used = int(right) + 1, int(bottom) + 1
     fitting = [size for size in KNOWN_SENSORS if size[0] >= used[0] and size[1] >= used[1]]
     size = fitting[0] if fitting else used
     known = f" ({KNOWN_SENSORS[size]})" if size in KNOWN_SENSORS else ""
