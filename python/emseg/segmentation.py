@@ -234,12 +234,15 @@ class Segmenter:
         Raises:
             ValueError: the events' sensor is not this segmenter's.
         """
+        self._check_sensor(events)
+        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+
+    def _check_sensor(self, events: EventArray) -> None:
         if (events.width, events.height) != (self.width, self.height):
             raise ValueError(
                 f"the events' sensor is {events.width}x{events.height}, "
                 f"the segmenter's {self.width}x{self.height}"
             )
-        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
 
     def _segment_by(
         self,
@@ -305,6 +308,7 @@ class Segmenter:
             A Segmentation a window, whose labels above 0 are track ids: an object keeps its id from window
             to window, and parts of one motion that lie apart are objects of their own.
         """
+        self._check_sensor(events)
         tracker = Tracker(events.width, events.height)
         for start, found in self._segment_windows(events):
             labels, models = tracker.assign(

@@ -8,7 +8,7 @@
 namespace emseg {
 
 struct AdaptiveWindowOptions {
-  double displacement = 15;  // px that most of the scene moves within a window
+  double displacement = 14;  // px that most of the scene moves within a window
   std::int64_t min_duration_us = 1'000;
   std::int64_t max_duration_us = 200'000;
   std::size_t max_events = 500'000;  // of a window
