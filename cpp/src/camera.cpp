@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -152,16 +153,12 @@ Point2 to_pixel(const Camera& camera, Point2 plane) {
                               "), expected coefficients that are invertible all over the sensor");
 }
 
-// Newton's method from the inverse of the radial part; tangential terms are small, so that few steps follow.
-Point2 undistort_radtan(const Camera& camera, const RadialProfile& profile, Point2 distorted_pixel) {
-  const Point2 target = to_plane(camera, distorted_pixel);
-  const double r_distorted = std::hypot(target.x, target.y);
-  if (r_distorted == 0 && camera.distortion[2] == 0 && camera.distortion[3] == 0) return distorted_pixel;
-  // Beyond the value at the radial fold a tangential term may still reach the point: start just inside.
-  const double r = std::min(profile.invert(r_distorted), 0.999 * profile.limit());
-  const double scale = r_distorted > 0 ? r / r_distorted : 0;
-  Point2 u{target.x * scale, target.y * scale};
+// The point on the plane that radtan distortion moves to `target`, by Newton's method from `u`; none where it
+// ends nowhere.
+std::optional<Point2> solve_radtan(const Camera& camera, const RadialProfile& profile, Point2 target,
+                                   Point2 u) {
   const double tolerance = 1e-10 / std::max(camera.fx, camera.fy);  // 1e-10 px
+  const double inside = 0.999999 * profile.limit();
   for (int iteration = 0; iteration < 50; ++iteration) {
     Jacobian j;
     const Point2 d = distort_radtan(camera, u, &j);
@@ -170,12 +167,27 @@ Point2 undistort_radtan(const Camera& camera, const RadialProfile& profile, Poin
     if (!(determinant > 0)) break;  // past a fold: no solution there is what the lens shows
     const double step_x = (j.yy * ex - j.xy * ey) / determinant;
     const double step_y = (j.xx * ey - j.yx * ex) / determinant;
-    if (std::hypot(step_x, step_y) <= tolerance) return to_pixel(camera, u);
+    if (step_x * step_x + step_y * step_y <= tolerance * tolerance) return u;
     u = {u.x + step_x, u.y + step_y};
-    const double excess = std::hypot(u.x, u.y) / (0.999999 * profile.limit());
-    if (excess > 1) u = {u.x / excess, u.y / excess};
+    if (u.x * u.x + u.y * u.y > inside * inside) {
+      const double excess = std::hypot(u.x, u.y) / inside;
+      u = {u.x / excess, u.y / excess};
+    }
   }
-  throw_not_invertible(distorted_pixel);
+  return std::nullopt;
+}
+
+// Starts from the inverse of the radial part; tangential terms are small, so that few steps follow.
+Point2 undistort_radtan(const Camera& camera, const RadialProfile& profile, Point2 distorted_pixel) {
+  const Point2 target = to_plane(camera, distorted_pixel);
+  const double r_distorted = std::hypot(target.x, target.y);
+  if (r_distorted == 0 && camera.distortion[2] == 0 && camera.distortion[3] == 0) return distorted_pixel;
+  // Beyond the value at the radial fold a tangential term may still reach the point: start just inside.
+  const double r = std::min(profile.invert(r_distorted), 0.999 * profile.limit());
+  const double scale = r_distorted > 0 ? r / r_distorted : 0;
+  const auto u = solve_radtan(camera, profile, target, {target.x * scale, target.y * scale});
+  if (!u) throw_not_invertible(distorted_pixel);
+  return to_pixel(camera, *u);
 }
 
 Point2 undistort_equidistant(const Camera& camera, const RadialProfile& profile, Point2 distorted_pixel) {
@@ -258,11 +270,26 @@ UndistortionTable make_undistortion_table(const Camera& camera) {
   const std::size_t pixels = static_cast<std::size_t>(camera.size.width) * camera.size.height;
   table.x.reserve(pixels);
   table.y.reserve(pixels);
+  const auto add = [&](Point2 undistorted) {
+    table.x.push_back(static_cast<float>(undistorted.x));
+    table.y.push_back(static_cast<float>(undistorted.y));
+  };
   for (int y = 0; y < camera.size.height; ++y) {
+    Point2 left{};  // what the pixel to the left comes from: a step or two of Newton's method from the next
     for (int x = 0; x < camera.size.width; ++x) {
-      const Point2 undistorted = undistort(camera, profile, {double(x), double(y)});
-      table.x.push_back(static_cast<float>(undistorted.x));
-      table.y.push_back(static_cast<float>(undistorted.y));
+      const Point2 pixel{double(x), double(y)};
+      if (camera.model == DistortionModel::radtan && x > 0) {
+        const auto u =
+            solve_radtan(camera, profile, to_plane(camera, pixel), {left.x + 1 / camera.fx, left.y});
+        if (u) {
+          left = *u;
+          add(to_pixel(camera, *u));
+          continue;
+        }
+      }
+      const Point2 undistorted = undistort(camera, profile, pixel);
+      left = to_plane(camera, undistorted);
+      add(undistorted);
     }
   }
   return table;
