@@ -38,8 +38,8 @@ def fresh_environment() -> dict[str, str]:
     """Of a new process that imports what this one does.
 
     Python's own compilation is kept from one process to the next, as an installed package's is: else every
-    import would include it.  NumPy's linear algebra, of which nothing is used here, would start threads that spin
-    for some 30 ms of CPU time after NumPy's import: it is told not to.
+    import would include it.  NumPy's linear algebra, of which nothing is used here, would start threads that
+    spin for some 30 ms of CPU time after NumPy's import: it is told not to.
     """
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)

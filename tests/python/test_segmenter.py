@@ -70,7 +70,7 @@ def test_energy_never_rises_in_any_window():
 
 
 def test_the_made_scene_is_segmented_and_its_objects_keep_their_tracks():
-    """Moving camera, two objects.  The bounds lie a little below what was measured: moving IoU .882, identities .99."""
+    """Moving camera, two objects.  The bounds are what is measured: moving IoU .882, identities .99."""
     with np.load(bundled()["made_scene"]) as arrays:
         truth = arrays["label"].astype(np.int64)
     windows = run("made_scene", "adaptive")
