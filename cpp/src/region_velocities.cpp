@@ -5,6 +5,7 @@
 #include <cmath>
 #include <optional>
 
+#include "displacements.hpp"
 #include "emseg/sampling.hpp"
 #include "kernels/kernel_table.hpp"
 
@@ -19,62 +20,6 @@ constexpr std::size_t least_events = 40;  // of a region: fewer agree on somethi
 constexpr std::size_t patch_size = static_cast<std::size_t>(patch_rows) * patch_columns;
 // Around the plane: patches reach out of it, and following a velocity may have moved places by as much.
 constexpr int margin = 2 * reach + 2;
-
-// Votes by displacement: row dy + reach, column dx + reach; the last column does not count.
-using Displacements = std::array<std::uint32_t, patch_size>;
-
-struct Peak {
-  double dx = 0, dy = 0;  // px
-  double significance = 0;
-};
-
-// Displacements, within `limit` px either way, that have most votes about them; best first.  None has less
-// than `least` significance.
-std::vector<Peak> peaks_of(const Displacements& votes, int limit, std::size_t most, double least) {
-  const auto index = [](int dx, int dy) {
-    return static_cast<std::size_t>((dy + reach) * patch_columns + dx + reach);
-  };
-  double mean = 0;
-  for (int dy = -reach; dy <= reach; ++dy) {
-    for (int dx = -reach; dx <= reach; ++dx) mean += votes[index(dx, dy)];
-  }
-  mean /= (2 * reach + 1) * (2 * reach + 1);
-  limit = std::min(limit, reach - 1);
-  const double chance = std::sqrt(9 * mean + 1);
-  // The highest of nine has at least a ninth of what they need.
-  const auto enough = static_cast<std::uint32_t>(mean + least * chance / 9);
-  std::vector<Peak> peaks;
-  for (int dy = -limit; dy <= limit; ++dy) {
-    for (int dx = -limit; dx <= limit; ++dx) {
-      const std::uint32_t middle = votes[index(dx, dy)];
-      if (middle <= enough) continue;
-      const std::uint32_t* const above = &votes[index(dx - 1, dy - 1)];
-      const std::uint32_t* const own = above + patch_columns;
-      const std::uint32_t* const below = own + patch_columns;
-      const std::uint32_t highest =
-          std::max({above[0], above[1], above[2], own[0], own[2], below[0], below[1], below[2]});
-      if (highest > middle) continue;
-      double sum = 0, along_x = 0, along_y = 0;
-      for (int j = -1; j <= 1; ++j) {
-        for (int i = -1; i <= 1; ++i) {
-          const double excess = std::max(0.0, votes[index(dx + i, dy + j)] - mean);
-          sum += excess;
-          along_x += i * excess;
-          along_y += j * excess;
-        }
-      }
-      if (sum >= least * chance) peaks.push_back({dx + along_x / sum, dy + along_y / sum, sum / chance});
-    }
-  }
-  const std::size_t kept = std::min(most, peaks.size());
-  std::partial_sort(peaks.begin(), peaks.begin() + static_cast<std::ptrdiff_t>(kept), peaks.end(),
-                    [](const Peak& a, const Peak& b) {
-                      if (a.significance != b.significance) return a.significance > b.significance;
-                      return a.dy != b.dy ? a.dy < b.dy : a.dx < b.dx;
-                    });
-  peaks.resize(kept);
-  return peaks;
-}
 
 struct TileRect {
   int left, top, right, bottom;  // half-open, in tiles
@@ -142,15 +87,15 @@ class EventPairs {
   }
 
   // Votes of one rectangle of tiles, once events are moved back by a velocity.
-  Displacements vote_in(const TileRect& rect, double lag, double vx, double vy, std::size_t budget,
-                        Workspace& w) const {
+  Displacements<std::uint32_t> vote_in(const TileRect& rect, double lag, double vx, double vy,
+                                       std::size_t budget, Workspace& w) const {
     std::vector<std::uint8_t> inside(tile_count(), 0);
     for (int row = rect.top; row < rect.bottom; ++row) {
       for (int column = rect.left; column < rect.right; ++column)
         inside[static_cast<std::size_t>(row * columns_ + column)] = 1;
     }
     const auto all = static_cast<double>(events_in(rect));
-    Displacements sum{};
+    Displacements<std::uint32_t> sum{};
     std::vector<std::uint16_t> votes(patch_size);
     const auto add_patches = kernels().add_patches;
     for (const bool polarity : {false, true}) {
@@ -265,11 +210,11 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
   });
 
   // Peaks of every region, for every lag.
-  std::vector<std::vector<Peak>> peaks(regions.size() * lags.size());
+  std::vector<std::vector<DisplacementPeak>> peaks(regions.size() * lags.size());
   pool.for_each(regions.size(), [&](std::size_t r, int) {
     if (pairs.events_in(rects[r]) < least_events) return;
     for (std::size_t j = 0; j < lags.size(); ++j) {
-      Displacements sum{};
+      Displacements<std::uint32_t> sum{};
       for (int row = rects[r].top; row < rects[r].bottom; ++row) {
         for (int column = rects[r].left; column < rects[r].right; ++column) {
           const std::size_t first = static_cast<std::size_t>(row * pairs.columns() + column) * patch_size;
@@ -280,7 +225,8 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
         }
       }
       const int limit = static_cast<int>(std::min<double>(reach, std::ceil(options.max_speed * lags[j]) + 1));
-      for (const Peak& peak : peaks_of(sum, limit, options.per_region, options.least_significance)) {
+      for (const DisplacementPeak& peak :
+           peaks_of(sum, limit, options.per_region, options.least_significance)) {
         // The next longer lag has seen what is slower.
         if (j > 0 && 3 * std::max(std::abs(peak.dx), std::abs(peak.dy)) < reach - 2) continue;
         peaks[r * lags.size() + j].push_back(peak);
@@ -293,11 +239,11 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
   for (std::size_t j = 0; j < lags.size(); ++j) {
     struct Found {
       std::size_t region;
-      Peak peak;
+      DisplacementPeak peak;
     };
     std::vector<Found> all;
     for (std::size_t r = 0; r < regions.size(); ++r) {
-      for (const Peak& peak : peaks[r * lags.size() + j]) all.push_back({r, peak});
+      for (const DisplacementPeak& peak : peaks[r * lags.size() + j]) all.push_back({r, peak});
     }
     if (j == 0) {
       for (const auto& [r, peak] : all)
@@ -308,7 +254,7 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
       return a.peak.significance > b.peak.significance;
     });
     std::vector<Found> leaders;
-    const auto leader_of = [&](const Peak& peak) {
+    const auto leader_of = [&](const DisplacementPeak& peak) {
       return static_cast<std::size_t>(std::find_if(leaders.begin(), leaders.end(),
                                                    [&](const Found& leader) {
                                                      return std::hypot(leader.peak.dx - peak.dx,

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "displacements.hpp"
 #include "kernels/kernel_table.hpp"
 
 namespace emseg {
@@ -17,52 +18,6 @@ constexpr double least_significance = 6;    // the largest by chance, among all 
 constexpr std::size_t most_velocities = 4;  // of each lag
 static_assert(most_events * most_at_pixel <= 65535);
 
-// Counts of displacements: row dy + reach, column dx + reach.
-using Displacements = std::array<std::uint16_t, patch_rows * patch_columns>;
-
-struct Peak {
-  double dx = 0, dy = 0;
-  double significance = 0;
-};
-
-// Displacements, within `limit` px either way, that count most about them; best first.
-std::vector<Peak> peaks_of(const Displacements& counts, int limit, std::size_t most) {
-  const auto at = [&](int dx, int dy) {
-    return static_cast<double>(counts[static_cast<std::size_t>((dy + reach) * patch_columns + dx + reach)]);
-  };
-  double mean = 0;
-  for (int dy = -reach; dy <= reach; ++dy) {
-    for (int dx = -reach; dx <= reach; ++dx) mean += at(dx, dy);
-  }
-  mean /= (2 * reach + 1) * (2 * reach + 1);
-  limit = std::min(limit, reach - 1);
-  std::vector<Peak> peaks;
-  for (int dy = -limit; dy <= limit; ++dy) {
-    for (int dx = -limit; dx <= limit; ++dx) {
-      const double middle = at(dx, dy);
-      if (middle <= mean) continue;
-      double sum = 0, along_x = 0, along_y = 0;
-      bool highest = true;
-      for (int j = -1; j <= 1; ++j) {
-        for (int i = -1; i <= 1; ++i) {
-          const double count = at(dx + i, dy + j);
-          highest = highest && count <= middle;
-          const double excess = std::max(0.0, count - mean);
-          sum += excess;
-          along_x += i * excess;
-          along_y += j * excess;
-        }
-      }
-      if (!highest) continue;
-      peaks.push_back({dx + along_x / sum, dy + along_y / sum, sum / std::sqrt(9 * mean + 1)});
-    }
-  }
-  std::stable_sort(peaks.begin(), peaks.end(),
-                   [](const Peak& a, const Peak& b) { return a.significance > b.significance; });
-  if (peaks.size() > most) peaks.resize(most);
-  return peaks;
-}
-
 class PairSearch {
  public:
   PairSearch(const PointView& points, std::span<const std::uint8_t> positive, Region plane,
@@ -74,7 +29,7 @@ class PairSearch {
         pixels_(padded_.area()) {}
 
   // Displacements between events `lag` apart beyond those of a velocity.
-  const Displacements& displacements(double lag, double vx, double vy) {
+  const Displacements<std::uint16_t>& displacements(double lag, double vx, double vy) {
     counts_.fill(0);
     const double first = points_.dt.front(), window = points_.dt.back() - first;
     const double slice = lag / slices_per_lag;
@@ -147,7 +102,7 @@ class PairSearch {
   Region padded_;
   std::vector<std::uint16_t> pixels_;
   std::vector<std::int32_t> earlier_, later_;
-  Displacements counts_{};
+  Displacements<std::uint16_t> counts_{};
 };
 
 }  // namespace
@@ -165,15 +120,16 @@ std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<co
   PairSearch search(points, positive, plane, max_events);
   for (std::size_t j = 0; j < lags.size(); ++j) {
     const int limit = static_cast<int>(std::min<double>(reach, std::ceil(max_speed * lags[j]) + 1));
-    for (const Peak& peak : peaks_of(search.displacements(lags[j], 0, 0), limit, most_velocities)) {
-      if (peak.significance < least_significance) break;
+    for (const DisplacementPeak& peak :
+         peaks_of(search.displacements(lags[j], 0, 0), limit, most_velocities, least_significance)) {
       // The next longer lag has seen what is slower.
       if (j > 0 && 3 * std::max(std::abs(peak.dx), std::abs(peak.dy)) < reach - 2) continue;
       FoundVelocity velocity{peak.dx / lags[j], peak.dy / lags[j], peak.significance};
       for (std::size_t longer = j; longer-- > 0;) {
         // A third of a lag leaves a pixel or two to be found.
-        const auto rest = peaks_of(search.displacements(lags[longer], velocity.vx, velocity.vy), 5, 1);
-        if (rest.empty() || rest.front().significance < least_significance) break;
+        const auto rest =
+            peaks_of(search.displacements(lags[longer], velocity.vx, velocity.vy), 5, 1, least_significance);
+        if (rest.empty()) break;
         velocity.vx += rest.front().dx / lags[longer];
         velocity.vy += rest.front().dy / lags[longer];
         velocity.significance = rest.front().significance;
