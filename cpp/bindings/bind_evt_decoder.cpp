@@ -18,6 +18,18 @@ Columns columns_of(EventColumns&& events) {
           to_numpy(std::move(events.p))};
 }
 
+// The columns that `decode` makes of the bytes, without Python's lock meanwhile.
+template <typename Decode>
+auto decoded(const Array<std::uint8_t>& bytes, const Decode& decode) {
+  const std::span<const std::uint8_t> piece = view(bytes);
+  EventColumns events;
+  {
+    py::gil_scoped_release release;
+    events = decode(piece);
+  }
+  return columns_of(std::move(events));
+}
+
 }  // namespace
 
 void bind_evt_decoder(py::module_& m) {
@@ -31,13 +43,7 @@ void bind_evt_decoder(py::module_& m) {
       .def(
           "decode",
           [](EvtDecoder& decoder, const Array<std::uint8_t>& bytes) {
-            const std::span<const std::uint8_t> piece = view(bytes);
-            EventColumns events;
-            {
-              py::gil_scoped_release release;
-              events = decoder.decode(piece);
-            }
-            return columns_of(std::move(events));
+            return decoded(bytes, [&](std::span<const std::uint8_t> piece) { return decoder.decode(piece); });
           },
           py::arg("bytes"), "Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).")
       .def_property_readonly("pending", &EvtDecoder::pending, "Bytes of a word whose rest is still to come.")
@@ -46,13 +52,8 @@ void bind_evt_decoder(py::module_& m) {
   m.def(
       "decode_libcaer_packet",
       [](const Array<std::uint8_t>& bytes) {
-        const std::span<const std::uint8_t> packet = view(bytes);
-        EventColumns events;
-        {
-          py::gil_scoped_release release;
-          events = decode_libcaer_packet(packet);
-        }
-        return columns_of(std::move(events));
+        return decoded(bytes,
+                       [](std::span<const std::uint8_t> packet) { return decode_libcaer_packet(packet); });
       },
       py::arg("bytes"), "Columns x, y, t (us since the packet's time base), p of a packet `libcaer_cmp`.");
   py::enum_<EventStreamKind>(m, "EventStreamKind", "What an Event Stream file holds.")
@@ -63,13 +64,7 @@ void bind_evt_decoder(py::module_& m) {
       .def(
           "decode",
           [](EventStreamDecoder& decoder, const Array<std::uint8_t>& bytes) {
-            const std::span<const std::uint8_t> piece = view(bytes);
-            EventColumns events;
-            {
-              py::gil_scoped_release release;
-              events = decoder.decode(piece);
-            }
-            return columns_of(std::move(events));
+            return decoded(bytes, [&](std::span<const std::uint8_t> piece) { return decoder.decode(piece); });
           },
           py::arg("bytes"), "Columns x, y, t (us), p of the events in the next bytes, uint8 (n,).")
       .def_property_readonly("pending", &EventStreamDecoder::pending,

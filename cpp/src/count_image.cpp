@@ -27,7 +27,7 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
   const int rows = region.height + 2 * radius;
   workspace.votes.assign(static_cast<std::size_t>(stride) * static_cast<std::size_t>(rows), 0);
 
-  // Cell 0 lies in the padding: votes of places off the canvas are taken back at once.
+  // Cell 0 lies in a corner of the padding: votes of places off the canvas go there, and nobody reads them.
   const CellGrid grid{static_cast<float>(region.x0), static_cast<float>(region.y0),
                       static_cast<float>(region.width), static_cast<float>(region.height), stride};
   const KernelTable& kernel = kernels();
@@ -36,7 +36,6 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
     std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(cell)];
     votes = static_cast<std::uint16_t>(votes + (votes < most));
   }
-  workspace.votes[0] = 0;
 
   workspace.smooth.resize(workspace.votes.size());
   workspace.smooth[0] = 0;
