@@ -218,7 +218,9 @@ def render(
 
 @app.command()
 def simulate(
-    scene: Annotated[Path | None, typer.Argument(metavar="[SCENE]", help="A scene, YAML.")] = None,
+    scene: Annotated[
+        str | None, typer.Argument(metavar="[SCENE]", help="A scene: a YAML file, or a name of the suite.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where it goes.")] = None,
     layout: Annotated[
         Literal["npz", "evimo2", "evimo", "evimo-txt"],
@@ -227,10 +229,11 @@ def simulate(
     suite: Annotated[
         Path | None, typer.Option("--suite", metavar="DIR", help="Make the scene suite into a folder.")
     ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of a scene of the suite by name.")] = 0,
     seeds: Annotated[str, typer.Option("--seeds", metavar="A:B", help="Its seeds, A to B-1.")] = "0:1",
     scenes: Annotated[str, typer.Option("--scenes", help="Names of its scenes, by commas; all.")] = "",
     duration: Annotated[
-        float, typer.Option("--duration", min=0.01, max=60, help="Length of its recordings, s.")
+        float, typer.Option("--duration", min=0.01, max=60, help="Length of recordings of the suite, s.")
     ] = 0.5,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
 ) -> None:
@@ -251,7 +254,7 @@ def simulate(
             assert scene is not None
             if out is None:
                 raise typer.BadParameter("expected where the recording goes", param_hint="--out")
-            failed = simulate_scene(scene, out, layout, typer.echo)
+            failed = simulate_scene(scene, seed, duration, out, layout, typer.echo)
     except KeyboardInterrupt:
         typer.echo("interrupted; finished recordings stay, no half ones are left", err=True)
         raise typer.Exit(INTERRUPTED) from None

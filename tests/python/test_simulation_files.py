@@ -239,6 +239,19 @@ def test_simulate_a_scene(layout: str, out: str, scene_file: Path, tmp_path: Pat
     assert (tmp_path / out).exists()
 
 
+def test_simulate_a_scene_of_the_suite_by_name(tmp_path: Path) -> None:
+    one, two = tmp_path / "one.npz", tmp_path / "two.npz"
+    for out, seed in ((one, "3"), (two, "4")):
+        done = run("hands", "--out", str(out), "--seed", seed, "--duration", "0.02")
+        assert done.exit_code == 0, done.output
+    assert one.read_bytes() != two.read_bytes()
+    failed = run("fast_dron", "--out", str(tmp_path / "none.npz"))
+    assert failed.exit_code == 1
+    assert failed.output.startswith("failed: fast_dron: no such file, nor a scene of the suite (")
+    assert "did you mean 'fast_drone'?" in failed.output
+    assert len(failed.output.strip().splitlines()) == 1
+
+
 def test_simulate_says_what_is_wrong(scene_file: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.yaml"
     bad.write_text("duration: -1\nbodies: [{person: {}}]\n")

@@ -9,17 +9,34 @@ from typing import Any
 
 from emseg.simulation.scene import Scene
 from emseg.simulation.simulator import simulate
-from emseg.yaml_files import ConfigError
+from emseg.yaml_files import ConfigError, nearest
 
 __all__ = ["simulate_scene", "simulate_suite"]
 
 Echo = Callable[..., Any]
 
 
-def simulate_scene(scene: Path, out: Path, layout: str, echo: Echo) -> int:
-    """Simulate one scene; returns the number of failures."""
+def scene_of(name: str, seed: int, duration: float) -> Scene:
+    """The scene of a YAML file, or of the suite where there is no file of that name.
+
+    Raises:
+        ConfigError: neither, or the file holds no scene.
+    """
+    from emseg.simulation.suite import NAMES, suite_scene
+
+    if name in NAMES and not Path(name).exists():
+        return suite_scene(name, seed, duration=duration)
+    if Path(name).suffix == "" and not Path(name).exists():
+        raise ConfigError(
+            f"{name}: no such file, nor a scene of the suite ({', '.join(NAMES)}){nearest(name, NAMES)}"
+        )
+    return Scene.from_yaml(Path(name))
+
+
+def simulate_scene(scene: str, seed: int, duration: float, out: Path, layout: str, echo: Echo) -> int:
+    """Simulate one scene, a file or one of the suite by name; returns the number of failures."""
     try:
-        simulation = simulate(Scene.from_yaml(scene))
+        simulation = simulate(scene_of(scene, seed, duration))
         if layout == "npz":
             simulation.save(out)
         else:
@@ -29,7 +46,7 @@ def simulate_scene(scene: Path, out: Path, layout: str, echo: Echo) -> int:
             write[layout](out, simulation)
     except (ConfigError, OSError, ValueError) as error:
         line = " ".join(str(error).split())
-        echo(f"failed: {line if str(scene) in line else f'{scene}: {line}'}", err=True)
+        echo(f"failed: {line if scene in line else f'{scene}: {line}'}", err=True)
         return 1
     echo(f"done: {scene}: {len(simulation.events):,} events: {out}")
     return 0
