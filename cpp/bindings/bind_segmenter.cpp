@@ -28,16 +28,21 @@ std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
 }
 
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
-                              std::optional<double> lambda_label, int bracket_row, int bracket_col,
-                              double max_speed, double max_scale_rate, double max_angle_rate,
-                              const std::vector<std::string>& kinds, int num_iter_segmentation,
-                              int num_iter_labeling, const std::string& labelling_name, double sigma,
+                              std::optional<double> lambda_label, const std::string& polarity_name,
+                              const std::string& footprint_name, const std::string& flicker_name,
+                              int bracket_row, int bracket_col, double max_speed, double max_scale_rate,
+                              double max_angle_rate, const std::vector<std::string>& kinds,
+                              int num_iter_segmentation, int num_iter_labeling,
+                              const std::string& labelling_name, double sigma,
                               std::optional<std::size_t> max_events, bool mark_noise, int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);
   options.lambda_data = lambda_data;
   options.lambda_smooth = lambda_smooth;
   options.lambda_label = lambda_label;
+  options.polarity = polarity(polarity_name);
+  options.footprint = footprint(footprint_name);
+  options.flicker = flicker(flicker_name);
   options.bracket_row = bracket_row;
   options.bracket_col = bracket_col;
   options.bounds = {max_speed, max_scale_rate, max_angle_rate};
@@ -65,8 +70,11 @@ void bind_segmenter(py::module_& m) {
       .def(py::init(&make_options), py::kw_only(),
            py::arg("data_term") = std::string(name_of(defaults.data_term)),
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
-           py::arg("lambda_label") = defaults.lambda_label, py::arg("bracket_row") = defaults.bracket_row,
-           py::arg("bracket_col") = defaults.bracket_col,
+           py::arg("lambda_label") = defaults.lambda_label,
+           py::arg("polarity") = std::string(name_of(defaults.polarity)),
+           py::arg("footprint") = std::string(name_of(defaults.footprint)),
+           py::arg("flicker") = std::string(name_of(defaults.flicker)),
+           py::arg("bracket_row") = defaults.bracket_row, py::arg("bracket_col") = defaults.bracket_col,
            py::arg("affine_trans2d_max") = defaults.bounds.speed,
            py::arg("affine_scale_max") = defaults.bounds.scale_rate,
            py::arg("affine_theta_max") = defaults.bounds.angle_rate, py::arg("kinds") = default_kinds,
@@ -92,6 +100,12 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("lambda_data", &SegmenterOptions::lambda_data)
       .def_readonly("lambda_smooth", &SegmenterOptions::lambda_smooth)
       .def_readonly("lambda_label", &SegmenterOptions::lambda_label)
+      .def_property_readonly("polarity",
+                             [](const SegmenterOptions& o) { return std::string(name_of(o.polarity)); })
+      .def_property_readonly("footprint",
+                             [](const SegmenterOptions& o) { return std::string(name_of(o.footprint)); })
+      .def_property_readonly("flicker",
+                             [](const SegmenterOptions& o) { return std::string(name_of(o.flicker)); })
       .def_readonly("bracket_row", &SegmenterOptions::bracket_row)
       .def_readonly("bracket_col", &SegmenterOptions::bracket_col)
       .def_readonly("num_iter_segmentation", &SegmenterOptions::num_iter_segmentation)

@@ -196,6 +196,12 @@ class Evaluation {
       const std::size_t count = std::min(chunk, points_.size() - first);
       kernels().sample_slopes(cells(), grid_.stride(), at.cell.data() + first, at.right.data() + first,
                               at.low.data() + first, count, dx.data(), dy.data());
+      if (!points_.sign.empty()) {
+        for (std::size_t k = 0; k < count; ++k) {
+          dx[k] *= points_.sign[first + k];
+          dy[k] *= points_.sign[first + k];
+        }
+      }
       kernels().add_gradient(field_, points_.x.data() + first, points_.y.data() + first,
                              points_.dt.data() + first, dx.data(), dy.data(), count, by_coefficient.data());
     }

@@ -8,8 +8,8 @@
 namespace emseg {
 namespace {
 
-constexpr int radius = 2;            // of the binomial
-constexpr std::uint16_t most = 255;  // votes of a cell that count: 255 (1+4+6+4+1)^2 fits 16 bits
+constexpr int radius = 2;  // of the binomial
+constexpr int most = 127;  // votes of a cell that count: 127 (1+4+6+4+1)^2 fits 16 bits with a sign
 static_assert(counts_per_event == 16, "what smooth_counts_across divides by");
 
 }  // namespace
@@ -32,9 +32,11 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
                       static_cast<float>(region.width), static_cast<float>(region.height), stride};
   const KernelTable& kernel = kernels();
   kernel.nearest_cells(grid, workspace.x.data(), workspace.y.data(), n, radius, workspace.cell.data());
-  for (const std::int32_t cell : workspace.cell) {
-    std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(cell)];
-    votes = static_cast<std::uint16_t>(votes + (votes < most));
+  const auto sign_of = [&](std::size_t k) { return points.sign.empty() || points.sign[k] > 0 ? 1 : -1; };
+  for (std::size_t k = 0; k < n; ++k) {
+    std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(workspace.cell[k])];
+    votes =
+        static_cast<std::uint16_t>(std::clamp(static_cast<std::int16_t>(votes) + sign_of(k), -most, most));
   }
 
   workspace.smooth.resize(workspace.votes.size());
@@ -47,8 +49,10 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
                               workspace.column.data() + radius);
     kernel.smooth_counts_across(workspace.column.data() + radius, inner, workspace.smooth.data() + first);
   }
-  for (std::size_t k = 0; k < n; ++k)
-    sharpness[k] = workspace.smooth[static_cast<std::size_t>(workspace.cell[k])];
+  for (std::size_t k = 0; k < n; ++k) {
+    const auto sum = static_cast<std::int16_t>(workspace.smooth[static_cast<std::size_t>(workspace.cell[k])]);
+    sharpness[k] = static_cast<std::uint16_t>(std::max(0, sign_of(k) * sum));
+  }
 }
 
 }  // namespace emseg

@@ -17,7 +17,8 @@ void vote_warped(VoteGrid& grid, const PointView& points, const WarpField& field
     const std::size_t count = std::min(chunk, points.size() - first);
     kernels().warp(field, points.x.data() + first, points.y.data() + first, points.dt.data() + first, count,
                    x.data(), y.data());
-    grid.vote({x.data(), count}, {y.data(), count}, places, wanted == Places::kept ? first : 0);
+    const auto sign = points.sign.empty() ? points.sign : points.sign.subspan(first, count);
+    grid.vote({x.data(), count}, {y.data(), count}, sign, places, wanted == Places::kept ? first : 0);
   }
 }
 
@@ -48,7 +49,7 @@ float sample_iwe(const PointView& points, const MotionModel& model, const WarpFr
   VoteGrid& grid = workspace.grid;
   grid.reset(region);
   workspace.places.resize(points.size());
-  grid.vote(workspace.x, workspace.y, workspace.places);
+  grid.vote(workspace.x, workspace.y, points.sign, workspace.places);
   workspace.cells.assign(VoteGrid::lead + grid.cell_count(), 0.0f);
   float* const cells = workspace.cells.data() + VoteGrid::lead;
   const Region area = blurred_area(grid.voted(), region, taps);
@@ -59,6 +60,7 @@ float sample_iwe(const PointView& points, const MotionModel& model, const WarpFr
         peak = std::max(peak, kernels().maximum(row, static_cast<std::size_t>(area.width)));
       });
   sample_values(cells, grid.stride(), workspace.places, values);
+  for (std::size_t k = 0; k < points.sign.size(); ++k) values[k] = std::max(0.0f, points.sign[k] * values[k]);
   return peak;
 }
 

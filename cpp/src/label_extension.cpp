@@ -48,6 +48,7 @@ std::vector<std::int32_t> extend_labels(const PointView& points, std::span<const
       kernels().sample_values(image.pixels.data(), grid.stride, cell.data(), right.data(), low.data(), n,
                               brightness.data());
       for (std::size_t i = 0; i < n; ++i) {
+        if (!points.sign.empty()) brightness[i] *= points.sign[first + i];
         if (brightness[i] <= brightest[first + i]) continue;
         brightest[first + i] = brightness[i];
         extended[first + i] = static_cast<std::int32_t>(l);

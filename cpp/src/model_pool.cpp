@@ -294,6 +294,7 @@ class PoolSearch {
     to.x.insert(to.x.end(), from.x.begin(), from.x.end());
     to.y.insert(to.y.end(), from.y.begin(), from.y.end());
     to.dt.insert(to.dt.end(), from.dt.begin(), from.dt.end());
+    to.sign.insert(to.sign.end(), from.sign.begin(), from.sign.end());
   }
 
   const Sample sample_;

@@ -7,7 +7,9 @@
 
 #include "emseg/alternation.hpp"
 #include "emseg/background.hpp"
+#include "emseg/flicker.hpp"
 #include "emseg/label_extension.hpp"
+#include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
 #include "emseg/window.hpp"
 
@@ -51,6 +53,22 @@ void require_finite(const std::vector<MotionModel>& models) {
   for (const MotionModel& model : models) make_motion(kind_of(model), params_of(model));
 }
 
+// No more than `most` of the events that are not flicker, evenly in time; all where they are but flicker.
+std::vector<std::size_t> steady_sample(const EventView& events, ImageSize size, std::size_t most,
+                                       bool leave_out) {
+  if (!leave_out) return even_sample(events.size(), most);
+  const std::vector<std::uint8_t> flicker = find_flicker(events, size);
+  std::vector<std::size_t> steady;
+  steady.reserve(events.size());
+  for (std::size_t k = 0; k < events.size(); ++k) {
+    if (flicker[k] == 0) steady.push_back(k);
+  }
+  if (steady.size() == events.size() || steady.empty()) return even_sample(events.size(), most);
+  std::vector<std::size_t> sample;
+  for (const std::size_t at : even_sample(steady.size(), most)) sample.push_back(steady[at]);
+  return sample;
+}
+
 // The events of a window that motions and labels are found on: all of them, borrowed, or copies of some.
 class EventSample {
  public:
@@ -83,10 +101,35 @@ class EventSample {
   PointView points_;
 };
 
+// The one of two choices that has this name.
+template <typename Choice>
+Choice either(const std::string& what, std::string_view name, Choice first, Choice second) {
+  for (const Choice known : {first, second}) {
+    if (name == name_of(known)) return known;
+  }
+  throw std::invalid_argument("unknown " + what + " '" + std::string(name) + "', expected " +
+                              std::string(name_of(first)) + " or " + std::string(name_of(second)));
+}
+
 // Images and cells are counted in ints, and a canvas has four times the sensor's pixels.
 constexpr int max_sensor_side = 8192;
 
 }  // namespace
+
+std::string_view name_of(Polarity polarity) { return polarity == Polarity::ignored ? "ignored" : "opposed"; }
+Polarity polarity(std::string_view name) {
+  return either("polarity", name, Polarity::ignored, Polarity::opposed);
+}
+
+std::string_view name_of(Footprint footprint) {
+  return footprint == Footprint::point ? "point" : "scattered";
+}
+Footprint footprint(std::string_view name) {
+  return either("footprint", name, Footprint::point, Footprint::scattered);
+}
+
+std::string_view name_of(Flicker flicker) { return flicker == Flicker::kept ? "kept" : "left_out"; }
+Flicker flicker(std::string_view name) { return either("flicker", name, Flicker::kept, Flicker::left_out); }
 
 void SegmenterOptions::check() const {
   require(lambda_data >= 0 && lambda_data <= 1e6,
@@ -151,8 +194,14 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
 
   // Events as points about t_ref, the sample of them that motions and labels are found on, and its space-time
   // graph.
-  const Points all_points = make_points(events, result.t_ref, undistortion_ ? &*undistortion_ : nullptr);
-  const std::vector<std::size_t> sampled = even_sample(n, options_.max_events);
+  Points all_points = make_points(events, result.t_ref, undistortion_ ? &*undistortion_ : nullptr);
+  if (options_.footprint == Footprint::scattered) scatter_over_pixels(events, all_points);
+  if (options_.polarity == Polarity::opposed) {
+    all_points.sign.reserve(n);
+    for (std::size_t k = 0; k < n; ++k) all_points.sign.push_back(events.p[k] != 0 ? 1.0f : -1.0f);
+  }
+  const std::vector<std::size_t> sampled =
+      steady_sample(events, size_, options_.max_events, options_.flicker == Flicker::left_out);
   const EventSample sample(events, all_points, sampled);
   const PointView points = sample.points();
   const PixelGraph graph = build_pixel_graph(sample.events(), size_);

@@ -23,10 +23,10 @@ float* VoteGrid::pairs_of(int cell_row) {
          2 * (lead + static_cast<std::size_t>(cell_row + 1) * static_cast<std::size_t>(stride_));
 }
 
-void VoteGrid::vote(std::span<const float> x, std::span<const float> y, VotePlaces& places,
-                    std::size_t first) {
+void VoteGrid::vote(std::span<const float> x, std::span<const float> y, std::span<const float> sign,
+                    VotePlaces& places, std::size_t first) {
   const std::size_t n = x.size();
-  assert(y.size() == n && places.size() >= first + n);
+  assert(y.size() == n && (sign.empty() || sign.size() == n) && places.size() >= first + n);
   const CellGrid grid{static_cast<float>(region_.x0), static_cast<float>(region_.y0),
                       static_cast<float>(region_.width), static_cast<float>(region_.height), stride()};
   CellBox box{min_column_, max_column_, min_row_, max_row_};
@@ -35,7 +35,7 @@ void VoteGrid::vote(std::span<const float> x, std::span<const float> y, VotePlac
   min_column_ = box.min_column, max_column_ = box.max_column;
   min_row_ = box.min_row, max_row_ = box.max_row;
   kernels().scatter(pairs_of(0), places.cell.data() + first, places.right.data() + first,
-                    places.low.data() + first, n);
+                    places.low.data() + first, sign.data(), n);
 }
 
 Region VoteGrid::voted() const {

@@ -29,6 +29,15 @@ Labelling = Literal["bands", "exact"]
 NoiseLabel = Literal["auto", "off"]
 """Whether events that no motion explains are labelled as noise."""
 
+Polarity = Literal["opposed", "ignored"]
+"""What the polarity of an event says of the images that it is part of."""
+
+Footprint = Literal["scattered", "point"]
+"""Where on its pixel an event is taken to be."""
+
+Flicker = Literal["left_out", "kept"]
+"""What becomes of bursts of events all over the sensor."""
+
 # The published integers 0 .. 6, in order.
 _PUBLISHED_COMBINATIONS: Final = ("2d", "3d", "4d", "2d+3d", "2d+4d", "3d+4d", "all")
 
@@ -78,10 +87,25 @@ class Config:
     )
     lambda_label: float | None = number(
         None,
-        "Cost of a label that is used; null: grows with the window, 0.2 an event",
+        "Cost of a label that is used; null: grows with the window, 0.4 an event",
         source=_EMSGC,
         least=0,
         most=1e12,
+    )
+    polarity: Polarity = choice(
+        "opposed",
+        "Whether rising and falling events take each other away in images of events, or count alike",
+        choices=get_args(Polarity),
+    )
+    footprint: Footprint = choice(
+        "scattered",
+        "Where on its pixel an event is taken to be: anywhere, scattered; or in the middle",
+        choices=get_args(Footprint),
+    )
+    flicker: Flicker = choice(
+        "left_out",
+        "Whether bursts of events all over the sensor are kept out of the search for motions",
+        choices=get_args(Flicker),
     )
     bracket_row: int = whole_number(
         6, "Most rows of sub-volumes at which motions are searched", source=_EMSGC, least=1, most=32
@@ -131,7 +155,7 @@ class Config:
         optional=True,
     )
     sigma: float = number(
-        1.0,
+        0.7,
         "Standard deviation of the blur of images of events",
         unit="px",
         source=_EMSGC,

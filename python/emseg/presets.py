@@ -13,6 +13,9 @@ __all__ = ["PRESETS"]
 
 _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
+    "polarity": "ignored",
+    "footprint": "point",
+    "flicker": "kept",
     "noise_label": "off",  # the published code knows no noise
     "max_events_per_window": None,  # and takes every event
     "lambda_data": 1.0,

@@ -221,6 +221,7 @@ struct PointView {
   std::span<const float> x;
   std::span<const float> y;
   std::span<const float> dt;
+  std::span<const float> sign = {};  // 1 or -1, of the polarity; empty: all count alike
 
   std::size_t size() const { return dt.size(); }
 };
@@ -229,14 +230,16 @@ struct Points {
   std::vector<float> x;
   std::vector<float> y;
   std::vector<float> dt;
+  std::vector<float> sign;
 
   std::size_t size() const { return dt.size(); }
-  PointView view() const { return {x, y, dt}; }
+  PointView view() const { return {x, y, dt, sign}; }
   void reserve(std::size_t count);
   void push_back(const PointView& from, std::size_t k) {
     x.push_back(from.x[k]);
     y.push_back(from.y[k]);
     dt.push_back(from.dt[k]);
+    if (!from.sign.empty()) sign.push_back(from.sign[k]);
   }
 };
 

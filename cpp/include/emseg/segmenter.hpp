@@ -13,19 +13,48 @@
 
 namespace emseg {
 
+// What the polarity of an event says of the images that it is part of.
+enum class Polarity {
+  ignored,  // nothing: all events count alike
+  opposed,  // rises and falls take each other away: an edge that moves one way makes one of them
+};
+
+// What is known of the place of an event.
+enum class Footprint {
+  point,      // the middle of its pixel
+  scattered,  // somewhere on its pixel (pixel_footprint.hpp)
+};
+
+// What becomes of bursts of events all over the sensor.
+enum class Flicker {
+  kept,
+  left_out,  // motions and labels are found without them; they are labelled by what is near them
+};
+
+// As settings name them; the second of each throws std::invalid_argument that lists the known names.
+std::string_view name_of(Polarity polarity);
+Polarity polarity(std::string_view name);
+std::string_view name_of(Footprint footprint);
+Footprint footprint(std::string_view name);
+std::string_view name_of(Flicker flicker);
+Flicker flicker(std::string_view name);
+
 struct SegmenterOptions {
   DataTerm data_term = DataTerm::logarithmic;
   double lambda_data = 1;              // weight of the data term
   double lambda_smooth = 30;           // Potts cost of an edge between two labels
   std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
-  double lambda_label_per_event = 0.2;
+  double lambda_label_per_event = 0.4;
+  Polarity polarity = Polarity::opposed;
+  Footprint footprint = Footprint::scattered;
+  Flicker flicker = Flicker::left_out;
   int bracket_row = 6, bracket_col = 6;  // sub-volumes of the pool
   MotionBounds bounds;                   // Affine_trans2d_max, Affine_scale_max, Affine_theta_max
   std::vector<MotionKind> kinds{MotionKind::translation, MotionKind::similarity};  // HybridModelCombination
   int num_iter_segmentation = 5;                                                   // alternations at the most
   int num_iter_labeling = 2;                                                       // expansion sweeps of each
   Labelling labelling = Labelling::bands;
-  double sigma = 1;  // blur of the images of warped events, px
+  double sigma = 0.7;  // blur of the images of warped events, px
   // Events of a window that motions and labels are found on; the others are given the labels of these.
   std::size_t max_events = 60'000;
   static constexpr std::size_t all_events = static_cast<std::size_t>(-1);

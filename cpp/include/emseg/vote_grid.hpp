@@ -34,9 +34,10 @@ class VoteGrid {
   // Covers `region`, without votes: those not taken are lost.
   void reset(Region region);
 
-  // Votes at (x, y); shares outside the region are lost. Where they fall is kept in `places`, from `first`
-  // on.
-  void vote(std::span<const float> x, std::span<const float> y, VotePlaces& places, std::size_t first = 0);
+  // Votes of `sign` (of 1 where that is empty) at (x, y); shares outside the region are lost. Where they fall
+  // is kept in `places`, from `first` on.
+  void vote(std::span<const float> x, std::span<const float> y, std::span<const float> sign,
+            VotePlaces& places, std::size_t first = 0);
 
   // The part of the region that votes have fallen into, in pixels from the region's first.
   Region voted() const;

@@ -54,9 +54,9 @@ struct KernelTable {
                  float* right, float* low, CellBox* box);
 
   // Adds bilinear votes to a grid that holds two floats a cell, the share of its own row and that of the row
-  // below: the four shares of a vote lie side by side.
+  // below: the four shares of a vote lie side by side.  A vote counts `sign`, or 1 where that is null.
   void (*scatter)(float* pairs, const std::int32_t* cell, const float* right, const float* low,
-                  std::size_t n);
+                  const float* sign, std::size_t n);
 
   // A row of the image from two rows of pairs: own[2 i] + above[2 i + 1].  The pairs above become zero.
   void (*fold)(const float* own, float* above, std::size_t n, float* row);
@@ -83,8 +83,8 @@ struct KernelTable {
   void (*nearest_cells)(const CellGrid& grid, const float* x, const float* y, std::size_t n,
                         std::int32_t padding, std::int32_t* cell);
 
-  // The passes of a binomial filter, weights 1 4 6 4 1, over counts up to 255: down five rows about `centre`,
-  // and along a row of such sums, divided by 16.
+  // The passes of a binomial filter, weights 1 4 6 4 1, over counts of -127 to 127, negative ones as their
+  // complements: down five rows about `centre`, and along a row of such sums, divided by 16 and rounded down.
   void (*smooth_counts_down)(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
                              std::uint16_t* smooth);
   void (*smooth_counts_across)(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);

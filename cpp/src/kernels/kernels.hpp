@@ -11,7 +11,8 @@ void add_gradient(const WarpField& field, const float* x, const float* y, const 
                   const float* slope_x, const float* slope_y, std::size_t n, double* sum);
 void locate(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t* cell,
             float* right, float* low, CellBox* box);
-void scatter(float* pairs, const std::int32_t* cell, const float* right, const float* low, std::size_t n);
+void scatter(float* pairs, const std::int32_t* cell, const float* right, const float* low, const float* sign,
+             std::size_t n);
 void fold(const float* own, float* above, std::size_t n, float* row);
 void sample_values(const float* image, std::int32_t stride, const std::int32_t* cell, const float* right,
                    const float* low, std::size_t n, float* value);

@@ -74,18 +74,34 @@ void locate(const CellGrid& grid, const float* x, const float* y, std::size_t n,
   *box = locator.box();
 }
 
-void scatter(float* pairs, const std::int32_t* cell, const float* right, const float* low, std::size_t n) {
+namespace {
+
+template <bool is_signed>
+void scatter_votes(float* pairs, const std::int32_t* cell, const float* right, const float* low,
+                   const float* sign, std::size_t n) {
   typedef float Quad __attribute__((vector_size(16)));
   // Own row and the row below, of the cell and of its right neighbour.
   constexpr Quad left_share = {1, 1, 0, 0}, left_slope = {-1, -1, 1, 1};
   constexpr Quad top_share = {1, 0, 1, 0}, top_slope = {-1, 1, -1, 1};
   for (std::size_t k = 0; k < n; ++k) {
     float* const at = pairs + 2 * static_cast<std::size_t>(cell[k]);
-    const Quad shares = (left_share + left_slope * right[k]) * (top_share + top_slope * low[k]);
+    Quad shares = (left_share + left_slope * right[k]) * (top_share + top_slope * low[k]);
+    if constexpr (is_signed) shares *= sign[k];
     Quad sum;
     __builtin_memcpy(&sum, at, sizeof sum);
     sum += shares;
     __builtin_memcpy(at, &sum, sizeof sum);
+  }
+}
+
+}  // namespace
+
+void scatter(float* pairs, const std::int32_t* cell, const float* right, const float* low, const float* sign,
+             std::size_t n) {
+  if (sign != nullptr) {
+    scatter_votes<true>(pairs, cell, right, low, sign, n);
+  } else {
+    scatter_votes<false>(pairs, cell, right, low, sign, n);
   }
 }
 

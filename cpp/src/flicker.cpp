@@ -1,0 +1,65 @@
+#include "emseg/flicker.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace emseg {
+namespace {
+
+constexpr std::int64_t bin_us = 300;
+constexpr std::size_t around = 40;      // bins either way that a bin is held against
+constexpr std::size_t least_bins = 12;  // of a window
+constexpr double usual_rank = 0.3;      // of the bins around: a lamp may burn half of the time
+constexpr double times_usual = 2;       // and this many standard deviations of a count
+constexpr double deviations = 8;
+constexpr int tile = 16;              // px
+constexpr double spread_share = 0.4;  // of the tiles that as many events of the window would reach
+
+}  // namespace
+
+std::vector<std::uint8_t> find_flicker(const EventView& events, ImageSize size) {
+  const std::size_t n = events.size();
+  std::vector<std::uint8_t> flicker(n, 0);
+  if (n == 0) return flicker;
+  const std::int64_t first = events.t.front();
+  const auto bins = static_cast<std::size_t>((events.t.back() - first) / bin_us) + 1;
+  if (bins < least_bins || bins > 8 * n) return flicker;
+  std::vector<std::size_t> begin(bins + 1, n);  // first event of each bin
+  for (std::size_t k = n; k-- > 0;) begin[static_cast<std::size_t>((events.t[k] - first) / bin_us)] = k;
+  for (std::size_t b = bins; b-- > 0;) begin[b] = std::min(begin[b], begin[b + 1]);
+
+  const int columns = (size.width + tile - 1) / tile;
+  const int rows = (size.height + tile - 1) / tile;
+  const auto tile_of = [&](std::size_t k) {
+    return static_cast<std::size_t>(events.y[k] / tile * columns + events.x[k] / tile);
+  };
+  std::vector<double> share(static_cast<std::size_t>(columns * rows), 0);  // of the window's events
+  for (std::size_t k = 0; k < n; ++k) share[tile_of(k)] += 1.0 / static_cast<double>(n);
+
+  std::vector<std::size_t> counts;
+  std::vector<std::size_t> last_burst(share.size(), 0);
+  for (std::size_t b = 0; b < bins; ++b) {
+    const std::size_t own = begin[b + 1] - begin[b];
+    const std::size_t low = b > around ? b - around : 0, high = std::min(bins, b + around + 1);
+    counts.clear();
+    for (std::size_t other = low; other < high; ++other) counts.push_back(begin[other + 1] - begin[other]);
+    const auto rank =
+        counts.begin() + static_cast<std::ptrdiff_t>(usual_rank * static_cast<double>(counts.size()));
+    std::nth_element(counts.begin(), rank, counts.end());
+    const auto usual = static_cast<double>(*rank);
+    if (static_cast<double>(own) <= times_usual * usual + deviations * std::sqrt(usual + 1)) continue;
+    double reached = 0, expected = 0;
+    for (std::size_t k = begin[b]; k < begin[b + 1]; ++k) {
+      if (last_burst[tile_of(k)] == b + 1) continue;
+      last_burst[tile_of(k)] = b + 1;
+      reached += 1;
+    }
+    for (const double p : share) expected += 1 - std::pow(1 - std::min(p, 1.0), static_cast<double>(own));
+    if (reached < spread_share * expected) continue;
+    std::fill(flicker.begin() + static_cast<std::ptrdiff_t>(begin[b]),
+              flicker.begin() + static_cast<std::ptrdiff_t>(begin[b + 1]), std::uint8_t{1});
+  }
+  return flicker;
+}
+
+}  // namespace emseg
