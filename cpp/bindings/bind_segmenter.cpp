@@ -154,6 +154,19 @@ void bind_segmenter(py::module_& m) {
           py::arg("pool") = std::vector<NamedModel>{}, py::arg("candidates") = std::vector<NamedModel>{},
           "Segment one window.  Models are (kind, parameters); an empty pool is searched for.")
       .def(
+          "motion_losses",
+          [](const Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
+             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::int64_t t_ref, double window,
+             const NamedModel& own, const NamedModel& other, const std::vector<std::pair<float, float>>& offsets) {
+            const auto motion = motions({own, other});
+            std::vector<Vec2f> px;
+            for (const auto& [dx, dy] : offsets) px.push_back({dx, dy});
+            return segmenter.motion_losses(event_view(x, y, t, p), t_ref, window, motion[0], motion[1], px);
+          },
+          py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref"), py::arg("window"),
+          py::arg("own"), py::arg("other"), py::arg("offsets"),
+          "Nats an event that the other motion, moved by each offset (px over the window), loses against the own.")
+      .def(
           "window_end",
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
              const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::size_t begin,

@@ -9,6 +9,7 @@
 #include "emseg/background.hpp"
 #include "emseg/flicker.hpp"
 #include "emseg/label_extension.hpp"
+#include "emseg/motion_evidence.hpp"
 #include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
 #include "emseg/window.hpp"
@@ -194,12 +195,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
 
   // Events as points about t_ref, the sample of them that motions and labels are found on, and its space-time
   // graph.
-  Points all_points = make_points(events, result.t_ref, undistortion_ ? &*undistortion_ : nullptr);
-  if (options_.footprint == Footprint::scattered) scatter_over_pixels(events, all_points);
-  if (options_.polarity == Polarity::opposed) {
-    all_points.sign.reserve(n);
-    for (std::size_t k = 0; k < n; ++k) all_points.sign.push_back(events.p[k] != 0 ? 1.0f : -1.0f);
-  }
+  const Points all_points = points_of(events, result.t_ref);
   const std::vector<std::size_t> sampled =
       steady_sample(events, size_, options_.max_events, options_.flicker == Flicker::left_out);
   const EventSample sample(events, all_points, sampled);
@@ -298,6 +294,29 @@ std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, st
   }
   return std::clamp(emseg::window_end(events.t, begin, duration_us), begin + 1,
                     begin + window_options_.max_events);
+}
+
+// Events as motions see them: undistorted, scattered over their pixels, with the signs of their polarities.
+Points Segmenter::points_of(const EventView& events, std::int64_t t_ref) const {
+  Points points = make_points(events, t_ref, undistortion_ ? &*undistortion_ : nullptr);
+  if (options_.footprint == Footprint::scattered) scatter_over_pixels(events, points);
+  if (options_.polarity == Polarity::opposed) {
+    points.sign.reserve(events.size());
+    for (const std::uint8_t positive : events.p) points.sign.push_back(positive != 0 ? 1.0f : -1.0f);
+  }
+  return points;
+}
+
+std::vector<double> Segmenter::motion_losses(const EventView& events, std::int64_t t_ref, double window,
+                                             const MotionModel& own, const MotionModel& other,
+                                             std::span<const Vec2f> offsets) const {
+  constexpr std::size_t enough = 1000;
+  check_events(events, size_);
+  const std::vector<std::size_t> sampled = even_sample(events.size(), enough);
+  const Points all = points_of(events, t_ref);
+  Points some;
+  for (const std::size_t k : sampled) some.push_back(all.view(), k);
+  return sharpness_losses(some.view(), own, other, offsets, window, frame_, canvas_of(plane_));
 }
 
 double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {

@@ -102,10 +102,15 @@ class Segmenter {
   // not valid.
   std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
 
+  // See sharpness_losses; a thousand of the events at most, evenly in time.
+  std::vector<double> motion_losses(const EventView& events, std::int64_t t_ref, double window, const MotionModel& own,
+                                    const MotionModel& other, std::span<const Vec2f> offsets) const;
+
   const WarpFrame& frame() const { return frame_; }
   ImageSize size() const { return size_; }
 
  private:
+  Points points_of(const EventView& events, std::int64_t t_ref) const;
   double typical_displacement(const PointView& points, const Segmentation& result) const;
 
   ImageSize size_;
