@@ -16,7 +16,7 @@ import typer
 from tqdm import tqdm
 
 import emseg
-from emseg.cli_recordings import convert, info
+from emseg import cli_recordings as recordings
 from emseg.config import Config
 from emseg.yaml_files import ConfigError
 
@@ -72,57 +72,82 @@ def segment(
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Write segmentation.mp4 too.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
+    executor: Annotated[
+        str, typer.Option("--executor", help="local, dask://HOST:PORT, slurm or slurm://PARTITION.")
+    ] = "local",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace results that are there.")] = False,
+    span: recordings.Span = None,
+    crop: recordings.CropOption = None,
+    keep_going: recordings.KeepGoing = False,
+    size: recordings.Size = None,
+    stream: recordings.Stream = None,
+    columns: recordings.Columns = None,
+    time_unit: recordings.Unit = None,
 ) -> None:
     """Segment recordings into DIR/<name>/.
 
     What is done already is skipped, so that an interrupted run goes on where it stopped.
     """
+    from emseg.batch import find_inputs
+    from emseg.reading import Reading
+
     config = _config(config_file, preset)
+    options = recordings.open_options(keep_going, size, stream, columns, time_unit)
+    reading = Reading(**options, span=recordings.parse_span(span), crop=recordings.parse_crop(crop))
     _check_camera(camera)
     if video and not _has_video_encoder():
         raise typer.BadParameter(NO_ENCODER, param_hint="--video")
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file, expected a folder", param_hint="--out")
-    from emseg.batch import find_inputs
-
     sources = list(dict.fromkeys(find_inputs(inputs)))
     if not sources:
         listed = ", ".join(str(path) for path in inputs)
         raise typer.BadParameter(f"no recordings in {listed}", param_hint="IN...")
-    raise typer.Exit(_segment_all(sources, out, config, camera, video, jobs, overwrite))
+    status = _segment_all(
+        sources,
+        out,
+        config,
+        executor=executor,
+        processes=jobs,
+        reading=reading,
+        camera=camera,
+        video="yes" if video else "no",
+        existing="replace" if overwrite else "keep",
+    )
+    raise typer.Exit(status)
 
 
 def _segment_all(
     sources: list[Path],
     out: Path,
     config: Config,
-    camera: Path | None,
-    video: bool,
-    processes: int,
-    overwrite: bool,
+    *,
+    executor: str = "local",
+    processes: int = 1,
+    **options: Any,
 ) -> int:
+    """Do a job for each recording, `options` being further ones of :class:`emseg.batch.Job`: exit status."""
     from emseg import batch
+    from emseg.executors import ExecutorError, make_executor
 
+    bar = _Bar()
+    try:
+        doer = make_executor(executor, processes=processes, folder=out, progress=bar.update)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--executor") from None
     todo = [
-        batch.Job(
-            source,
-            out / name,
-            config,
-            camera=camera,
-            video="yes" if video else "no",
-            existing="replace" if overwrite else "keep",
-            segmenter=batch.SEGMENTER,
-        )
+        batch.Job(source, out / name, config, segmenter=batch.SEGMENTER, **options)
         for source, name in zip(sources, batch.name_inputs(sources), strict=True)
     ]
     failed = 0
-    bar = _Bar()
     try:
-        for outcome in batch.run_jobs(todo, processes=processes, progress=bar.update):
+        for outcome in doer.run(todo):
             bar.clear()
             failed += outcome.status == "failed"
             typer.echo(f"{outcome.status}: {outcome.message}", err=outcome.status == "failed")
+    except ExecutorError as error:
+        typer.echo(f"failed: {error}", err=True)
+        return SOME_FAILED
     except KeyboardInterrupt:
         bar.clear()
         typer.echo("interrupted; finished results stay, no half ones are left", err=True)
@@ -133,20 +158,20 @@ def _segment_all(
 
 
 class _Bar:
-    """A progress bar over a recording's events, on a terminal; nothing elsewhere."""
+    """The progress through a recording's events, on a terminal; nothing elsewhere."""
 
     def __init__(self) -> None:
         self._bar: Any = None
         self._source: Path | None = None
 
-    def update(self, job: Any, done: int, of: int) -> None:
-        """Show that `done` of a job's `of` events are done."""
+    def update(self, job: Any, done: int) -> None:
+        """Show that `done` of a job's events are done; how many there are is known when all are read."""
         if not sys.stderr.isatty():
             return
         if self._source != job.source:
             self.clear()
             self._source = job.source
-            self._bar = tqdm(total=of, desc=job.source.name, unit=" events", unit_scale=True, leave=False)
+            self._bar = tqdm(desc=job.source.name, unit=" events", unit_scale=True, leave=False)
         self._bar.update(done - self._bar.n)
 
     def clear(self) -> None:
@@ -156,8 +181,8 @@ class _Bar:
         self._bar = self._source = None
 
 
-app.command()(info)
-app.command()(convert)
+app.command()(recordings.info)
+app.command()(recordings.convert)
 
 
 @app.command()
@@ -187,7 +212,7 @@ def demo(
     video = _has_video_encoder()
     if not video:
         typer.echo(f"no videos: {NO_ENCODER}", err=True)
-    status = _segment_all(list(bundled().values()), out, Config(), None, video, 1, False)
+    status = _segment_all(list(bundled().values()), out, Config(), video="yes" if video else "no")
     if status == DONE:
         typer.echo("look at:")
         for path in sorted([*out.glob("*/*.png"), *out.glob("*/*.mp4")]):
@@ -294,7 +319,7 @@ def _has_video_encoder() -> bool:
 
 def main() -> NoReturn:
     """The entry point of the `emseg` command."""
-    from emseg.batch import exit_on_signal
+    from emseg.executors import exit_on_signal
 
     signal.signal(signal.SIGTERM, exit_on_signal)
     app()

@@ -9,6 +9,7 @@ import json
 import os
 import pty
 import signal
+import socket
 import subprocess
 import sys
 import termios
@@ -237,7 +238,7 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*arguments: Any, **options: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(writers.np, "savez_compressed", full)
+    monkeypatch.setattr(writers.ResultWriter, "finish", full)
     source = recording(tmp_path / "a.npz")
     result = emseg_("segment", source, "--out", tmp_path / "out")
     assert result.exit_code == 1
@@ -250,11 +251,11 @@ HALF_WRITTEN = """
 import time
 from emseg import batch, cli
 
-def stop_halfway(folder, *_):
-    (folder / "half").write_text("x")
+def stop_halfway(writer, seg):
+    (writer._folder / "half").write_text("x")
     time.sleep(60)
 
-batch.save_result = stop_halfway
+batch.ResultWriter.add = stop_halfway
 batch.SEGMENTER = "fake_segmenter:FakeSegmenter"
 if __name__ == "__main__":
     cli.main()
@@ -333,7 +334,7 @@ def test_progress_on_a_terminal(tmp_path: Path) -> None:
     os.close(other_end)
     assert process.returncode == 0
     assert "a.npz" in shown
-    assert "1.20k" in shown
+    assert "events/s" in shown
     assert output.decode().startswith("done: ")
     plain = subprocess.run(
         [*command, "--overwrite"], env=environment, capture_output=True, text=True, check=True
@@ -417,8 +418,11 @@ def test_atomic_folder_keeps_the_old_one_on_failure(tmp_path: Path) -> None:
     target = tmp_path / "a [1]"
     with writers.atomic_folder(target) as folder:
         (folder / "x").write_text("old")
-    stale = tmp_path / f".{target.name}.tmp-999999999"
+    host = socket.gethostname()
+    stale = tmp_path / f".{target.name}.tmp-999999999@{host}"
     stale.mkdir()
+    elsewhere = tmp_path / f".{target.name}.tmp-999999999@not-{host}"  # where it may run still
+    elsewhere.mkdir()
 
     def fail() -> None:
         with writers.atomic_folder(target) as folder:
@@ -432,16 +436,28 @@ def test_atomic_folder_keeps_the_old_one_on_failure(tmp_path: Path) -> None:
     with writers.atomic_folder(target) as folder:
         (folder / "x").write_text("new")
     assert (target / "x").read_text() == "new"
+    assert {path.name for path in tmp_path.iterdir()} == {target.name, elsewhere.name}
+    writers.clear_leftovers(target)
     assert [path.name for path in tmp_path.iterdir()] == [target.name]
 
 
-def test_collect_marks_events_of_no_window_as_noise() -> None:
+def test_events_of_no_window_are_noise(tmp_path: Path) -> None:
     from fake_segmenter import FakeSegmentation
 
     events = EventArray([0] * 6, [0] * 6, range(6), [1] * 6, width=4, height=4)
-    result, best, timings = batch.collect(events, [FakeSegmentation(events[2:4], 2, 4)])
+    with writers.ResultWriter(tmp_path) as writer:
+        writer.add(FakeSegmentation(events[2:4], 2, 4))
+        with pytest.raises(ValueError, match="window 1 begins with event 3, before 4"):
+            writer.add(FakeSegmentation(events[3:5], 3, 5))
+        writer.finish({}, events=6)
+    result, _ = writers.load_result(tmp_path)
     assert result.labels.tolist() == [-1, -1, 1, 1, -1, -1]
-    assert best is not None
-    assert timings == {"graph": 0.25, "labels": 0.5}
-    nothing, best, _ = batch.collect(events[:0], [])
-    assert (len(nothing.labels), len(nothing.start), best) == (0, 0, None)
+    assert [window["start"] for window in result.models] == [2]
+    assert writer.timings == {"graph": 0.25, "labels": 0.5}
+
+
+def test_a_result_without_windows(tmp_path: Path) -> None:
+    with writers.ResultWriter(tmp_path) as writer:
+        writer.finish({}, events=0)
+    result, _ = writers.load_result(tmp_path)
+    assert (len(result.labels), len(result.start), len(result.tracks), result.models) == (0, 0, 0, [])
