@@ -172,7 +172,7 @@ class DaskCluster:
             # Dask gives a job one thread of its worker.
             futures = {client.submit(run_job, _portable(job, threads=1), pure=False): job for job in jobs}
             try:
-                for future in distributed.as_completed(futures):
+                for future in distributed.as_completed(futures, loop=client.loop):
                     yield _outcome(futures[future], future.result)
             finally:
                 client.cancel(list(futures))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -90,3 +91,14 @@ class DyingSegmenter(FakeSegmenter):
 class RaisingSegmenter(FakeSegmenter):
     def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
         raise RuntimeError("two\nlines")
+
+
+class SlowSegmenter(FakeSegmenter):
+    """Takes its time, so that something can happen in the midst of a run."""
+
+    seconds = 0.2
+
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
+        for found in super().run(chunks):
+            time.sleep(self.seconds)
+            yield found
