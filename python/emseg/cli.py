@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `simulate`, and those of other modules.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -17,8 +17,9 @@ from tqdm import tqdm
 
 import emseg
 from emseg import cli_recordings as recordings
+from emseg.cli_live import live, record
+from emseg.cli_options import CameraFile, ConfigFile, Preset, read_config
 from emseg.config import Config
-from emseg.yaml_files import ConfigError
 
 __all__ = ["app", "main"]
 
@@ -36,8 +37,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-Preset = Annotated[str | None, typer.Option("--preset", help="Published settings; `emseg config --list`.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -63,13 +62,9 @@ def _common(
 def segment(
     inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings, or folders of them.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")],
-    config_file: Annotated[
-        Path | None, typer.Option("--config", metavar="FILE", help="Settings, YAML.")
-    ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = None,
-    camera: Annotated[
-        Path | None, typer.Option("--camera", metavar="FILE", help="Calibration, YAML or text.")
-    ] = None,
+    camera: CameraFile = None,
     video: Annotated[bool, typer.Option("--video", help="Write segmentation.mp4 too.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
     executor: Annotated[
@@ -91,7 +86,7 @@ def segment(
     from emseg.batch import find_inputs
     from emseg.reading import Reading
 
-    config = _config(config_file, preset)
+    config = read_config(config_file, preset)
     options = recordings.open_options(keep_going, size, stream, columns, time_unit)
     reading = Reading(**options, span=recordings.parse_span(span), crop=recordings.parse_crop(crop))
     _check_camera(camera)
@@ -183,6 +178,8 @@ class _Bar:
 
 app.command()(recordings.info)
 app.command()(recordings.convert)
+app.command()(live)
+app.command()(record)
 
 
 @app.command()
@@ -197,7 +194,7 @@ def config(
     if listing:
         typer.echo("\n".join(Config.presets()))
     else:
-        typer.echo(_config(None, preset).to_yaml(), nl=False)
+        typer.echo(read_config(None, preset).to_yaml(), nl=False)
 
 
 @app.command()
@@ -284,17 +281,6 @@ def simulate(
         typer.echo("interrupted; finished recordings stay, no half ones are left", err=True)
         raise typer.Exit(INTERRUPTED) from None
     raise typer.Exit(SOME_FAILED if failed else DONE)
-
-
-def _config(path: Path | None, preset: str | None) -> Config:
-    if path is not None and preset is not None:
-        raise typer.BadParameter("expected --config or --preset, not both")
-    try:
-        if preset is not None:
-            return Config.preset(preset)
-        return Config.from_yaml(path) if path is not None else Config()
-    except ConfigError as error:
-        raise typer.BadParameter(str(error), param_hint="--preset" if preset else "--config") from None
 
 
 def _check_camera(path: Path | None) -> None:

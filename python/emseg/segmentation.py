@@ -287,7 +287,8 @@ class Segmenter:
         By count or by duration where the config says so; adaptive otherwise (see `run`).
         """
         buffer = EventBuffer(events, width=events.width, height=events.height)
-        while size := len(self._next_window(buffer, None)):
+        while size := self.window_size(buffer):
+            buffer.take(size)
             yield buffer.taken - size, buffer.taken
 
     def run(self, events: EventArray | Iterable[EventArray]) -> Iterator[Segmentation]:
@@ -333,7 +334,8 @@ class Segmenter:
                     done = begin, future.result()
                 known = done[1] if done else None
                 # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
-                window = self._next_window(buffer, known if count % _WINDOWS_ON_TRUST else None)
+                trusted = known if count % _WINDOWS_ON_TRUST else None
+                window = buffer.take(self.window_size(buffer, trusted.next_duration if trusted else None))
                 if len(window):
                     candidates = known.models if known else ()
                     task = executor.submit(self._segment_by, next(engines), window, candidates=candidates)
@@ -345,19 +347,25 @@ class Segmenter:
             for begin, future in running:
                 yield begin, future.result()
 
-    def _next_window(self, buffer: EventBuffer, last: Segmentation | None) -> EventArray:
-        """Take the next window from the buffer, by what an earlier one has found; empty at the end."""
+    def window_size(self, buffer: EventBuffer, duration_us: int | None = None) -> int:
+        """How many of the events to come the next window takes; 0 where none is left.
+
+        Args:
+            buffer: What is to come; it is looked ahead into.
+            duration_us: How long an adaptive window is to last, µs, by the motion found before; None: it is
+                judged from the events to come.
+        """
         if self.config.num_events_per_image is not None:
-            buffer.look_ahead(count=self.config.num_events_per_image)
-            return buffer.take(self.config.num_events_per_image)
+            count = self.config.num_events_per_image
+            return min(count, len(buffer.look_ahead(count=count)))
         if self.config.window_duration is not None:
-            step = max(1, round(self.config.window_duration * 1e6))
-            return buffer.take(buffer.count_to_multiple(step))
-        ahead = buffer.look_ahead(count=_core.largest_window, duration_us=_core.longest_window_us)
+            return buffer.count_to_multiple(max(1, round(self.config.window_duration * 1e6)))
+        ahead = buffer.look_ahead(
+            count=_core.largest_window, duration_us=duration_us or _core.longest_window_us
+        )
         if not len(ahead):
-            return ahead
-        duration = 0 if last is None else last.next_duration
-        return buffer.take(self._engine.window_end(ahead.x, ahead.y, ahead.t, ahead.p, 0, duration))
+            return 0
+        return self._engine.window_end(ahead.x, ahead.y, ahead.t, ahead.p, 0, duration_us or 0)
 
 
 def segment(
