@@ -166,7 +166,7 @@ def _sinks(
         file = sys.stdout if json == Path("-") else stack.enter_context(json.open("w", encoding="utf-8"))
         sinks.append(JsonLines(file, events=events.value))
     if address is not None:
-        sinks.append(stack.enter_context(DvStreams(*address, size=size)))
+        sinks.append(DvStreams(*address, size=size))
     return sinks
 
 

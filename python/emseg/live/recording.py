@@ -63,16 +63,19 @@ def _streams(dv: Any, source: DvSource) -> Any:
 def _with_the_rest(source: DvSource, writer: Any) -> Iterator[Any]:
     """The stores of events as they come; what comes beside them is written on the way."""
     capture = source.capture
+    # Asked once: the answers take time, and what waits to be read when a stream ends is lost.
+    frames, imu, triggers = (
+        capture.isFrameStreamAvailable(),
+        capture.isImuStreamAvailable(),
+        capture.isTriggerStreamAvailable(),
+    )
     for store in source.stores():
         yield store
-        if writer.isFrameStreamConfigured():
-            while (frame := capture.getNextFrame()) is not None:
-                writer.writeFrame(frame)
-        if writer.isImuStreamConfigured():
-            while (samples := capture.getNextImuBatch()) is not None and len(samples):
-                for sample in samples:
-                    writer.writeImu(sample)
-        if writer.isTriggerStreamConfigured():
-            while (triggers := capture.getNextTriggerBatch()) is not None and len(triggers):
-                for trigger in triggers:
-                    writer.writeTrigger(trigger)
+        while frames and (frame := capture.getNextFrame()) is not None:
+            writer.writeFrame(frame)
+        while imu and (samples := capture.getNextImuBatch()) is not None and len(samples):
+            for sample in samples:
+                writer.writeImu(sample)
+        while triggers and (batch := capture.getNextTriggerBatch()) is not None and len(batch):
+            for trigger in batch:
+                writer.writeTrigger(trigger)

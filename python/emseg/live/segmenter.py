@@ -49,7 +49,9 @@ class LiveWindow:
         events: Number of its events.
         thinned: How many of them were left out.
         skipped: Events before it that were left out because it was late.
-        behind_us: Time of the stream that was waiting behind it when it was taken up, µs.
+        lasts_us: How long it was to last, µs.
+        behind_us: Time of the stream that was waiting behind it when it was taken up, µs; no more than it
+            was to last.
         latency_s: From its last event's coming to its labels.
     """
 
@@ -60,6 +62,7 @@ class LiveWindow:
     events: int
     thinned: int
     skipped: int
+    lasts_us: int
     behind_us: int
     latency_s: float
 
@@ -102,14 +105,23 @@ class LiveFigures:
 
 
 @dataclass(frozen=True)
+class _Place:
+    """Where the next window lies: its events, those skipped before it, its length, what waits behind it."""
+
+    size: int
+    skipped: int
+    lasts_us: int
+    behind_us: int
+
+
+@dataclass(frozen=True)
 class _Task:
     """A window on its way through the engine."""
 
     future: Future[tuple[Segmentation, float]]
     window: EventArray
     kept: int
-    skipped: int
-    behind_us: int
+    place: _Place
 
 
 class LiveSegmenter:
@@ -144,6 +156,7 @@ class LiveSegmenter:
         self._segmenters = [Segmenter(width, height, camera, threads) for _ in range(self._lanes)]
         self._windows = Segmenter(width, height, camera, threads)  # finds their lengths while those work
         self._queue = EventQueue()
+        self._nominal_us = round((self._config.window_duration or 0) * 1e6)
         self._ended = threading.Event()
         self._skipped = 0
         self._origin: int | None = None
@@ -205,19 +218,17 @@ class LiveSegmenter:
                 last, seconds = running[0].future.result()
                 self._thinning.note(running.popleft().kept, seconds)
             duration = None if last is None else self._duration(last, count)
-            skipped, behind = 0, 0
             size = self._windows.window_size(buffer, duration)
-            if size:
-                skipped, size, behind = self._catch_up(buffer, size, duration)
             if not size:
                 return
-            window = buffer.take(size)
-            kept = self._thin(window, behind)
+            place = self._catch_up(buffer, size, duration)
+            window = buffer.take(place.size)
+            kept = self._thin(window, place)
             self._remember(kept)
             candidates = [] if last is None else last.models
             engine = self._segmenters[count % self._lanes]
             future = executor.submit(_timed_segment, engine, kept, candidates)
-            task = _Task(future, window, len(kept), skipped, behind)
+            task = _Task(future, window, len(kept), place)
             running.append(task)
             tasks.put(task)
             count += 1
@@ -239,30 +250,27 @@ class LiveSegmenter:
         while len(self._history) > 1 and window.t[-1] - self._history[1].t[0] > _HISTORY_US:
             self._history.popleft()
 
-    def _catch_up(self, buffer: EventBuffer, size: int, duration: int | None) -> tuple[int, int, int]:
-        """Skip events where more than a window waits behind the next one.
+    def _catch_up(self, buffer: EventBuffer, size: int, duration: int | None) -> _Place:
+        """Skip events while more than a window waits behind the next one, which has `size` events now."""
+        skipped = 0
+        while True:
+            ahead = buffer.look_ahead(count=0)
+            last = int(ahead.t[size - 1])
+            lasts = max(last - int(ahead.t[0]), duration or 0, self._nominal_us)
+            newest = self._queue.newest_t
+            behind = 0 if newest is None else newest - last
+            if behind <= lasts:
+                return _Place(size, skipped, lasts, behind)
+            self.figures.windows_late += not skipped
+            # Looking ahead to these events does not wait: they have come.
+            edge = last + behind - lasts
+            ahead = buffer.look_ahead(duration_us=edge - int(ahead.t[0]))
+            skipped += len(buffer.take(int(np.searchsorted(ahead.t, edge))))
+            size = self._windows.window_size(buffer, duration or lasts)
 
-        Returns:
-            The number of events skipped, of the next window's, and the time waiting behind it, µs.
-        """
-        ahead = buffer.look_ahead(count=0)
-        lasts = max(1, int(ahead.t[size - 1]) - int(ahead.t[0]))
-        newest = self._queue.newest_t
-        assert newest is not None
-        behind = newest - int(ahead.t[size - 1])
-        if behind <= lasts:
-            return 0, size, behind
-        self.figures.windows_late += 1
-        # These events have come already: looking ahead to them does not wait.
-        ahead = buffer.look_ahead(duration_us=max(0, newest - lasts - int(ahead.t[0])))
-        skipped = len(buffer.take(int(np.searchsorted(ahead.t, newest - lasts))))
-        size = self._windows.window_size(buffer, duration or lasts)
-        last = int(buffer.look_ahead(count=0).t[size - 1])
-        return skipped, size, max(newest, self._queue.newest_t or newest) - last
-
-    def _thin(self, window: EventArray, behind_us: int) -> EventArray:
+    def _thin(self, window: EventArray, place: _Place) -> EventArray:
         """As many of a window's events as its engine can do before the next window is there for it."""
-        time_us = self._lanes * max(window.duration, 1) - behind_us / 2  # some of it makes up for being late
+        time_us = self._lanes * place.lasts_us - place.behind_us / 2  # some of it makes up for being late
         kept = self._thinning.keep(len(window), time_us * 1e-6 / self._source.pace)
         return window if kept >= len(window) else window[even_sample(len(window), kept)]
 
@@ -278,7 +286,7 @@ class LiveSegmenter:
             self._origin = int(window.t[0])
         figures.labelled += task.kept
         figures.thinned += thinned
-        self._skipped += task.skipped
+        self._skipped += task.place.skipped
         figures.skipped = self._skipped + self._queue.dropped
         figures.windows += 1
         figures.span_s = (int(window.t[-1]) - self._origin) * 1e-6
@@ -291,8 +299,9 @@ class LiveSegmenter:
             t_last=int(window.t[-1]),
             events=len(window),
             thinned=thinned,
-            skipped=task.skipped,
-            behind_us=task.behind_us,
+            skipped=task.place.skipped,
+            lasts_us=task.place.lasts_us,
+            behind_us=task.place.behind_us,
             latency_s=latency,
         )
 

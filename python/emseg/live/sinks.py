@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Literal, Protocol, Self
+from typing import IO, Any, Literal, Protocol
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from emseg.events import EventArray
 from emseg.io.extras import require
 from emseg.live.segmenter import LiveWindow
 
-__all__ = ["DvStreams", "JsonLines", "Sink"]
+__all__ = ["DvStreams", "JsonLines", "Sink", "immortal"]
 
 
 class Sink(Protocol):
@@ -74,7 +74,7 @@ class DvStreams:
     The first has the moving objects' events; the second a packet of bounding boxes a window, each labelled
     with its track and with the share of the window's events as confidence; the third every labelled event as
     a timed key point whose class_id is the label and whose response is the polarity.  Nothing is prepared for
-    a stream that nobody listens to.  Use as a context manager.
+    a stream that nobody listens to.  The streams end with the process.
 
     Args:
         host: Address of this machine to listen at.
@@ -97,7 +97,9 @@ class DvStreams:
         for stream in streams[1:]:
             stream.setResolution(size)
         try:
-            self._writers = [dv.io.NetworkWriter(host, port + k, stream) for k, stream in enumerate(streams)]
+            self._writers = [
+                immortal(dv.io.NetworkWriter(host, port + k, stream)) for k, stream in enumerate(streams)
+            ]
         except RuntimeError as error:
             problem = str(error).partition(" [")[0]
             raise OSError(f"cannot publish at {host}:{port} to {port + 2}: {problem}") from None
@@ -142,14 +144,12 @@ class DvStreams:
         )
         return dv.TimedKeyPointPacket(vector)
 
-    def close(self) -> None:
-        """End the streams."""
-        self._writers.clear()
 
-    def __enter__(self) -> Self:
-        return self
+def immortal(writer: Any) -> Any:
+    """A network writer of dv-processing's that is never freed.
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    Its destructor (2.0.4) keeps the interpreter's lock while it waits for a thread that needs that lock to
+    say that a client has gone, and so for ever.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
+    return writer
