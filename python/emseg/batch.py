@@ -28,7 +28,7 @@ from emseg.render import label_picture, motion_picture, polarity_picture, side_b
 from emseg.video import VideoError, VideoWriter, film
 from emseg.writers import ResultWriter, SequenceResult, atomic_folder, load_result, write_png
 
-__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "render_video", "run_job"]
+__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "read_result", "render_video", "run_job"]
 
 _log = logging.getLogger(__name__)
 
@@ -298,29 +298,35 @@ def render_video(folder: Path, source: Path | None = None) -> Path:
         ValueError: naming the file that is missing, damaged or of another recording.
         VideoError: where it cannot be encoded.
     """
-    result, run = load_result(folder)
-    source = source or Path(run["input"]["path"])
-    if _sha256(_existing(source)) != run["input_sha256"]:
-        raise ReadError(source, f"is not the recording that {folder} is the result of")
+    events, result = read_result(folder, source)
     work = folder / f".{VIDEO_NAME}.tmp-{os.getpid()}.mp4"
     try:
-        _write_video(work, read_again(source, run), result)
+        _write_video(work, events, result)
         return work.replace(folder / VIDEO_NAME)
     finally:
         work.unlink(missing_ok=True)
 
 
-def read_again(source: Path, run: Mapping[str, Any]) -> EventArray:
-    """The events that a result is of, by its run.json.
+def read_result(folder: Path, source: Path | None = None) -> tuple[EventArray, SequenceResult]:
+    """A result folder's segmentation, and the events that it is of.
+
+    Args:
+        folder: What :func:`run_job` wrote.
+        source: The recording, if it is no longer where it was.
 
     Raises:
-        ValueError: the recording cannot be read, or run.json does not say what was read of it.
+        ValueError: naming the file that is missing, damaged or of another recording.
     """
+    result, run = load_result(folder)
     try:
+        source = source or Path(run["input"]["path"])
+        expected = run["input_sha256"]
         reading = Reading.from_json(run["reading"])
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{source}: run.json does not say what was read of it: {error!r}") from None
-    return reading.read(source)
+        raise ValueError(f"{folder / 'run.json'}: damaged, or of another version: {error!r}") from None
+    if _sha256(_existing(source)) != expected:
+        raise ReadError(source, f"is not the recording that {folder} is the result of")
+    return reading.read(source), result
 
 
 def _existing(source: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `config`, `demo`, `render`, `simulate`, and those of other modules.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; others join in here.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -37,6 +37,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="A folder that `emseg segment` wrote.")]
+RecordingOfResult = Annotated[
+    Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
+]
 
 
 def _print_version(asked: bool) -> None:
@@ -218,12 +223,7 @@ def demo(
 
 
 @app.command()
-def render(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A folder that `emseg segment` wrote.")],
-    source: Annotated[
-        Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
-    ] = None,
-) -> None:
+def render(result: ResultFolder, source: RecordingOfResult = None) -> None:
     """Make the video of a result folder (again)."""
     from emseg.batch import render_video
     from emseg.video import VideoError
@@ -236,6 +236,22 @@ def render(
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
     typer.echo(f"done: {target}")
+
+
+@app.command()
+def view(result: ResultFolder, source: RecordingOfResult = None) -> None:
+    """Show a result folder in a window, to play and to step through."""
+    from emseg.batch import read_result
+    from emseg.video import film
+    from emseg.viewer import ViewerError, open_window
+
+    try:
+        open_window(film(*read_result(result, source)), f"emseg: {result}")
+    except (ValueError, ViewerError, OSError) as error:
+        typer.echo(f"failed: {error}", err=True)
+        if isinstance(error, ViewerError):
+            typer.echo(f"`emseg render {result}` makes a video instead", err=True)
+        raise typer.Exit(SOME_FAILED) from None
 
 
 @app.command()

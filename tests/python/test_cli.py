@@ -360,6 +360,52 @@ def test_config_prints_yaml_that_reads_back(tmp_path: Path) -> None:
         assert Config.from_yaml(tmp_path / "c.yaml") == (Config.preset(preset) if preset else Config())
 
 
+def test_a_part_of_a_recording(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "a.npz"), tmp_path / "out"
+    part = ("--span", "0.02:0.06", "--crop", "8,4,40,30")
+    assert emseg_("segment", source, "--out", out, *part).exit_code == 0
+    assert emseg_("convert", source, tmp_path / "b.npz", *part).exit_code == 0
+    expected = emseg.read(tmp_path / "b.npz")
+    run = json.loads((out / "a" / "run.json").read_text())
+    assert (run["input"]["events"], run["input"]["width"], run["input"]["height"]) == (len(expected), 40, 30)
+    assert run["reading"]["span"] == [0.02, 0.06]
+    events, result = batch.read_result(out / "a")
+    assert events == expected
+    assert (result.labels == 1).tolist() == ((events.x < 20) & (events.y < 15)).tolist()
+    assert "skipped" in emseg_("segment", source, "--out", out, *part).output
+    other = emseg_("segment", source, "--out", out, *part[:2])  # another part is another result
+    assert "holds a result of other settings" in other.output
+    outside = emseg_("segment", source, "--out", tmp_path / "c", "--crop", "8,4,60,30")
+    assert (outside.exit_code, list((tmp_path).glob("c/*"))) == (1, [])
+    assert "reaches beyond the sensor of 64x48" in outside.stderr
+    assert emseg_("segment", source, "--out", tmp_path / "c", "--crop", "8").exit_code == 2
+
+
+def test_a_crop_moves_the_camera_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = recording(tmp_path / "a.npz")
+    (tmp_path / "c.yaml").write_text("{width: 64, height: 48, fx: 60, fy: 60, cx: 32, cy: 24}\n")
+    seen = []
+    make = batch._camera
+    monkeypatch.setattr(batch, "_camera", lambda *a: seen.append(make(*a)) or seen[-1])
+    options = ("--crop", "8,4,40,30", "--camera", tmp_path / "c.yaml")
+    assert emseg_("segment", source, "--out", tmp_path / "out", *options).exit_code == 0
+    camera = seen[0]
+    assert (camera.width, camera.height, camera.cx, camera.cy, camera.fx) == (40, 30, 24, 20, 60)
+
+
+def test_damage_is_kept_when_asked(tmp_path: Path) -> None:
+    source = recording(tmp_path / "a.npz")
+    arrays = dict(np.load(source))
+    arrays["x"][7] = 200
+    np.savez(source, **arrays)
+    refused = emseg_("segment", source, "--out", tmp_path / "out")
+    assert refused.exit_code == 1
+    assert "event 7 lies at (200," in refused.stderr
+    kept = emseg_("segment", source, "--out", tmp_path / "out", "--keep-going")
+    assert kept.exit_code == 0
+    assert "1,199 events" in kept.output
+
+
 def test_camera_files(tmp_path: Path) -> None:
     source = recording(tmp_path / "a.npz")
     (tmp_path / "c.txt").write_text("60 60 32 24 0 0 0 0 0\n")
@@ -393,6 +439,18 @@ def test_video_and_render(tmp_path: Path, with_video_at_once: bool) -> None:
     assert "is not the recording that" in other.output
     assert "no such file" in emseg_("render", tmp_path / "none").output
     assert {path.name for path in (tmp_path / "out" / "a").iterdir() if path.name[0] == "."} == set()
+
+
+def test_view_without_a_display_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    source = recording(tmp_path / "a.npz")
+    emseg_("segment", source, "--out", tmp_path / "out")
+    result = emseg_("view", tmp_path / "out" / "a")
+    assert result.exit_code == 1
+    assert "failed: no window can be opened here" in result.stderr
+    assert f"`emseg render {tmp_path / 'out' / 'a'}` makes a video instead" in result.stderr
+    assert "no such file" in emseg_("view", tmp_path / "none").stderr
 
 
 def test_video_without_encoder_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -169,7 +169,7 @@ def test_png_refuses_other_arrays(tmp_path: Path) -> None:
 def test_film_is_slowed_down_to_four_seconds() -> None:
     events = moving(duration=400_000)
     shown = film(events, result_of(events))
-    assert (shown.count, shown.frames_per_s) == (120, 30)
+    assert (len(shown.frames), shown.frames_per_s) == (120, 30)
     assert shown.slowdown == pytest.approx(10, rel=1e-3)
     assert len({frame.shape for frame in shown.frames}) == 1
 
@@ -177,7 +177,7 @@ def test_film_is_slowed_down_to_four_seconds() -> None:
 def test_film_of_long_and_empty_recordings() -> None:
     long = moving(duration=10_000_000)
     shown = film(long, result_of(long))
-    assert (shown.count, shown.slowdown) == (300, pytest.approx(1))
+    assert (len(shown.frames), shown.slowdown) == (300, pytest.approx(1))
     empty = moving()[:0]
     assert len(list(film(empty, result_of(empty)).frames)) == 1
     with pytest.raises(ValueError, match="3000 events and 0 labels"):
