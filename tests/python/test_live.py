@@ -29,7 +29,7 @@ from emseg.io.flat_buffers import Table, root_table
 from emseg.live import FileSource, LiveSegmenter, LiveWindow, Thinning, even_sample, open_source
 from emseg.live import segmenter as live_segmenter
 from emseg.live.event_queue import EventQueue
-from emseg.live.thinning import FEWEST, FIRST
+from emseg.live.thinning import FEWEST
 from emseg.segmentation import Segmentation
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +59,6 @@ def test_the_same_figures_give_the_same_choice(notes: list[tuple[int, float]], s
         kept.append(thinning.keep(500_000, seconds))
     assert kept[0] == kept[1]
     assert FEWEST <= kept[0] <= 500_000
-    assert Thinning().keep(500_000, seconds) == FIRST
 
 
 @pytest.mark.parametrize("overhead", [0.0, 0.004])
@@ -234,8 +233,8 @@ def test_a_slow_machine_thins_and_stays_no_more_than_a_window_behind(monkeypatch
         return Segmentation(window, labels, models, t_ref=t_ref, next_duration=30_000, **nothing), seconds
 
     monkeypatch.setattr(live_segmenter, "_timed_segment", segment)
-    monkeypatch.setattr(live_segmenter, "_WINDOWS_ON_TRUST", 10**9)  # so that windows stay 30 ms long
-    segmenter = LiveSegmenter(FileSource(SCENE, pace=2.0), config=emseg.Config(threads=2))
+    config = emseg.Config(threads=2, window_duration=0.02)
+    segmenter = LiveSegmenter(FileSource(SCENE, pace=2.0), config=config)
     windows = list(segmenter.run())
     check_windows(windows)
     events = emseg.read(SCENE)
@@ -247,6 +246,24 @@ def test_a_slow_machine_thins_and_stays_no_more_than_a_window_behind(monkeypatch
         if len(whole) == window.events:  # no event of the same time lies in the next one
             expected = whole[even_sample(window.events, window.events - window.thinned)]
             np.testing.assert_array_equal(window.segmentation.events.t, expected.t)
+
+
+def test_live_labels_are_as_good_as_others() -> None:
+    """The made scene at a third of its pace: moving IoU .879 when this was written, .882 by Segmenter.run."""
+    events = emseg.read(SCENE)
+    with np.load(SCENE) as arrays:
+        truth = arrays["label"].astype(np.int64)
+    # Of events at one place and time, any: they have one label.
+    rows = zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)
+    number = {row: k for k, row in enumerate(rows)}
+    found, expected = [], []
+    for window in LiveSegmenter(FileSource(SCENE, pace=0.3)).run():
+        kept = window.segmentation.events
+        rows = zip(kept.t.tolist(), kept.x.tolist(), kept.y.tolist(), strict=True)
+        expected.append(truth[[number[row] for row in rows]])
+        found.append(window.segmentation.labels)
+    assert sum(map(len, found)) > 0.2 * len(events)  # however slow the machine
+    assert emseg.evaluate(np.concatenate(expected), np.concatenate(found))["moving_iou_deployed"] > 0.8
 
 
 def test_an_error_in_the_engine_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from bench.long_recording import segment, write_repeated
 
-SHORT, LONG = 1_500_000, 4_500_000
+SHORT, LONG = 3_000_000, 6_000_000
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
-    """The events alone of what is longer take 39 MB, their labels 12 MB."""
+    """The events of what is longer take 39 MB, their labels 12 MB."""
     peaks = []
     for count in (SHORT, LONG):
         path = tmp_path / f"{count}.dat"

@@ -17,8 +17,8 @@ __all__ = ["Thinning", "even_sample"]
 FEWEST: Final = 2_000
 """Events that are kept in any case: fewer tell little."""
 
-FIRST: Final = 20_000
-"""Events of a window that are kept while nothing is known of the machine."""
+FIRST_RATE: Final = 400_000.0
+"""Events a second that are counted on before any were done."""
 
 _LOAD: Final = 0.85  # share of the time that is planned with
 _MEMORY: Final = 0.7  # share of the measured rate that is kept with each new window
@@ -35,19 +35,16 @@ class Thinning:
     """Sizes windows by the rate at which the last ones were done.
 
     Attributes:
-        rate: Events done a second; None before the first window.
+        rate: Events done a second.
     """
 
     def __init__(self) -> None:
-        self.rate: float | None = None
+        self.rate = FIRST_RATE
 
     def keep(self, count: int, seconds: float) -> int:
         """How many of a window's `count` events can be done in some time, s."""
-        if self.rate is None:
-            return min(count, FIRST)
         return min(count, max(FEWEST, int(self.rate * _LOAD * max(seconds, 0.0))))
 
     def note(self, count: int, seconds: float) -> None:
         """Take into account that `count` events took some time, s."""
-        rate = count / max(seconds, 1e-6)
-        self.rate = rate if self.rate is None else _MEMORY * self.rate + (1 - _MEMORY) * rate
+        self.rate = _MEMORY * self.rate + (1 - _MEMORY) * count / max(seconds, 1e-6)
