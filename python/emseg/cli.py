@@ -139,11 +139,12 @@ def _segment_all(
         batch.Job(source, out / name, config, segmenter=batch.SEGMENTER, **options)
         for source, name in zip(sources, batch.name_inputs(sources), strict=True)
     ]
-    failed = 0
+    failed = []
     try:
         for outcome in doer.run(todo):
             bar.clear()
-            failed += outcome.status == "failed"
+            if outcome.status == "failed":
+                failed.append(outcome.job.source)
             typer.echo(f"{outcome.status}: {outcome.message}", err=outcome.status == "failed")
     except ExecutorError as error:
         typer.echo(f"failed: {error}", err=True)
@@ -153,7 +154,8 @@ def _segment_all(
         typer.echo("interrupted; finished results stay, no half ones are left", err=True)
         return INTERRUPTED
     if failed:
-        typer.echo(f"{failed} of {len(todo)} failed", err=True)
+        named = "".join(f"\n  {source}" for source in failed)
+        typer.echo(f"{len(failed)} of {len(todo)} failed:{named}", err=True)
     return SOME_FAILED if failed else DONE
 
 

@@ -140,7 +140,8 @@ def test_some_failed(tmp_path: Path) -> None:
     assert result.exit_code == 1
     lines = result.stderr.splitlines()
     assert lines[0].startswith(f"failed: {bad}: is no sound NumPy file")
-    assert lines[1:] == [f"failed: {tmp_path / 'none.npz'}: no such file", "2 of 3 failed"]
+    none = tmp_path / "none.npz"
+    assert lines[1:] == [f"failed: {none}: no such file", "2 of 3 failed:", f"  {bad}", f"  {none}"]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good"]
 
 
