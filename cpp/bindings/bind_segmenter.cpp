@@ -62,6 +62,11 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
 }  // namespace
 
 void bind_segmenter(py::module_& m) {
+  // How far Segmenter.window_end looks ahead at the most.
+  const AdaptiveWindowOptions window;
+  m.attr("longest_window_us") = window.max_duration_us;
+  m.attr("largest_window") = window.max_events;
+
   const SegmenterOptions defaults;
   std::vector<std::string> default_kinds;
   for (const MotionKind kind : defaults.kinds) default_kinds.emplace_back(name_of(kind));

@@ -41,6 +41,8 @@ __all__: list[str] = [
     "fit_motion",
     "iwe",
     "labeling_energy",
+    "largest_window",
+    "longest_window_us",
     "max_flow",
     "simd_level",
     "simd_levels",
@@ -932,4 +934,6 @@ def windows_by_duration(
     Bounds int64 (k, 2) of the windows [t0 + k d, t0 + (k+1) d) that hold events.
     """
 
+largest_window: int = 500000
+longest_window_us: int = 200000
 version: str = "0.1.0"

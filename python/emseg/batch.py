@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import errno
-import functools
 import hashlib
 import importlib
 import json
 import logging
-import multiprocessing
 import os
-import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from types import FrameType
-from typing import Any, Final, Literal, NoReturn
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -28,12 +22,13 @@ import emseg
 from emseg.camera import Camera
 from emseg.config import Config
 from emseg.events import EventArray
-from emseg.io import ReadError, find_reader, read
+from emseg.io import ReadError, find_reader
+from emseg.reading import OpenPart, Reading
 from emseg.render import label_picture, motion_picture, polarity_picture, side_by_side
 from emseg.video import VideoError, VideoWriter, film
-from emseg.writers import TRACK_DTYPE, SequenceResult, atomic_folder, load_result, save_result, write_png
+from emseg.writers import ResultWriter, SequenceResult, atomic_folder, load_result, write_png
 
-__all__ = ["Job", "Outcome", "collect", "find_inputs", "name_inputs", "render_video", "run_job", "run_jobs"]
+__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "read_result", "render_video", "run_job"]
 
 _log = logging.getLogger(__name__)
 
@@ -42,8 +37,8 @@ VIDEO_NAME: Final = "segmentation.mp4"
 SEGMENTER: str = "emseg.segmentation:Segmenter"
 """What segments, as module:name; imported in the process that runs the job."""
 
-Progress = Callable[[int, int], None]
-"""Called with the number of events done and of all events of the recording."""
+Progress = Callable[[int], None]
+"""Called with the number of events done."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +49,7 @@ class Job:
         source: The recording.
         target: The folder of its results.
         config: Settings.
+        reading: What of it is read, and how.
         camera: Calibration file of the camera, or None.
         video: Whether to write a video, "yes" or "no".
         existing: What to do about results of another recording or of other settings, "keep" or "replace".
@@ -64,6 +60,7 @@ class Job:
     source: Path
     target: Path
     config: Config
+    reading: Reading = field(default_factory=Reading)
     camera: Path | None = None
     video: Literal["yes", "no"] = "no"
     existing: Literal["keep", "replace"] = "keep"
@@ -130,70 +127,6 @@ def name_inputs(sources: Sequence[Path]) -> list[str]:
     return [names[path.resolve()] for path in sources]
 
 
-def collect(
-    events: EventArray, segmentations: Iterable[Any], progress: Progress | None = None
-) -> tuple[SequenceResult, Any, dict[str, float]]:
-    """Gather successive segmentations of one recording.
-
-    Args:
-        events: The recording.
-        segmentations: What `Segmenter.run` gives.
-        progress: Called after every window.
-
-    Returns:
-        The result; the segmentation that has most moving events, or None where there is none; and the
-        stages' times added up, s.
-    """
-    labels = np.full(len(events), -1, np.int32)
-    windows: list[tuple[int, int, int]] = []
-    tracks: list[Any] = []
-    models: list[dict[str, Any]] = []
-    timings: Counter[str] = Counter()
-    best, most_moving = None, -1
-    for index, seg in enumerate(segmentations):
-        start, stop, t_ref = int(seg.start), int(seg.stop), int(seg.t_ref)
-        labels[start:stop] = seg.labels
-        windows.append((start, stop, t_ref))
-        counts = Counter(np.asarray(seg.labels).tolist())
-        for box in seg.boxes:
-            track = int(box["track"])
-            place = (float(box[name]) for name in ("x", "y", "w", "h"))
-            tracks.append((index, t_ref, track, *place, counts[track]))
-        models.append(
-            {
-                "window": index,
-                "start": start,
-                "stop": stop,
-                "t_ref_us": t_ref,
-                "energy": float(seg.energy),
-                "models": [
-                    {
-                        "label": int(model.label),
-                        "kind": str(model.kind),
-                        "params": [float(value) for value in np.ravel(model.params)],
-                    }
-                    for model in seg.models
-                ],
-            }
-        )
-        timings.update({str(stage): float(seconds) for stage, seconds in seg.timings.items()})
-        moving = sum(count for label, count in counts.items() if label > 0)
-        if moving > most_moving:
-            best, most_moving = seg, moving
-        if progress is not None:
-            progress(stop, len(events))
-    table = np.array(windows, np.int64).reshape(-1, 3)
-    result = SequenceResult(
-        labels,
-        start=table[:, 0].copy(),
-        stop=table[:, 1].copy(),
-        t_ref=table[:, 2].copy(),
-        tracks=np.array(tracks, TRACK_DTYPE),
-        models=models,
-    )
-    return result, best, dict(timings)
-
-
 def run_job(job: Job, progress: Progress | None = None) -> Outcome:
     """Segment one recording, unless its results are there.  Whatever goes wrong is a failed outcome."""
     try:
@@ -218,52 +151,84 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
         "input_sha256": _sha256(_existing(job.source)),
         "config_sha256": job.config.fingerprint(),
         "camera_sha256": None if job.camera is None else _sha256(job.camera),
+        "reading": job.reading.to_json(),
     }
     if job.existing == "keep" and job.target.exists():
         _check_existing(job, identity)
         if job.video == "yes" and not (job.target / VIDEO_NAME).exists():
             render_video(job.target, job.source)
         return Outcome(job, "skipped", f"{job.source}: already done: {job.target}")
-    events = read(job.source)
-    read_s = time.perf_counter() - began
-    segmenter = _segmenter(job, events)
-    result, best, stages = collect(events, segmenter.run(events), progress)
-    segmented_s = time.perf_counter() - began - read_s
-    with atomic_folder(job.target) as folder:
+    with job.reading.open(job.source) as part, atomic_folder(job.target) as folder:
+        events = _Counted(part.chunks)
+        with ResultWriter(folder) as writer:
+            best = _segment(_segmenter(job, part), events, writer, progress)
+            segmented_s = time.perf_counter() - began - events.seconds
+            run = {
+                "input": {
+                    "name": job.source.name,
+                    "path": str(job.source.resolve()),
+                    "bytes": job.source.stat().st_size,
+                    "events": events.count,
+                    "width": part.size[0],
+                    "height": part.size[1],
+                },
+                **identity,
+                "config": asdict(job.config),
+                "seed": job.config.seed,
+                "version": emseg.__version__,
+                "commit": _commit(),
+                "windows": writer.windows,
+                "timings_s": {
+                    "read": round(events.seconds, 6),
+                    "segment": round(segmented_s, 6),
+                    "total": round(time.perf_counter() - began, 6),
+                    "stages": {stage: round(s, 6) for stage, s in sorted(writer.timings.items())},
+                },
+            }
+            writer.finish(run, events=events.count)
         if best is not None:
-            _write_pictures(folder, events, best)
+            _write_pictures(folder, best, events.origin)
         if job.video == "yes":
-            _write_video(folder / VIDEO_NAME, events, result)
-        run = {
-            "input": {
-                "name": job.source.name,
-                "path": str(job.source.resolve()),
-                "bytes": job.source.stat().st_size,
-                "events": len(events),
-                "width": events.width,
-                "height": events.height,
-            },
-            **identity,
-            "config": asdict(job.config),
-            "seed": job.config.seed,
-            "version": emseg.__version__,
-            "commit": _commit(),
-            "windows": len(result.start),
-            "timings_s": {
-                "read": round(read_s, 6),
-                "segment": round(segmented_s, 6),
-                "total": round(time.perf_counter() - began, 6),
-                "stages": {stage: round(seconds, 6) for stage, seconds in sorted(stages.items())},
-            },
-        }
-        save_result(folder, result, run)
-    tracks = len(np.unique(result.tracks["track"]))
+            _write_video(folder / VIDEO_NAME, job.reading.read(job.source), load_result(folder)[0])
     return Outcome(
         job,
         "done",
-        f"{job.source}: {len(events):,} events, {len(result.start)} windows, {tracks} tracks, "
+        f"{job.source}: {events.count:,} events, {writer.windows} windows, {len(writer.tracks)} tracks, "
         f"{time.perf_counter() - began:.1f} s: {job.target}",
     )
+
+
+class _Counted:
+    """Chunks of events that pass by: how many, from when on, and the time that reading them took, s."""
+
+    def __init__(self, chunks: Iterable[EventArray]) -> None:
+        self._chunks = iter(chunks)
+        self.count, self.origin, self.seconds = 0, 0, 0.0
+
+    def __iter__(self) -> Iterator[EventArray]:
+        while True:
+            began = time.perf_counter()
+            chunk = next(self._chunks, None)
+            self.seconds += time.perf_counter() - began
+            if chunk is None:
+                return
+            if not self.count and len(chunk):
+                self.origin = int(chunk.t[0])
+            self.count += len(chunk)
+            yield chunk
+
+
+def _segment(segmenter: Any, events: _Counted, writer: ResultWriter, progress: Progress | None) -> Any:
+    """Write all windows; gives the one that has most moving events, or None where there is none."""
+    best, most_moving = None, -1
+    for seg in segmenter.run(events):
+        writer.add(seg)
+        moving = int(np.count_nonzero(np.asarray(seg.labels) > 0))
+        if moving > most_moving:
+            best, most_moving = seg, moving
+        if progress is not None:
+            progress(int(seg.stop))
+    return best
 
 
 def _check_existing(job: Job, identity: Mapping[str, Any]) -> None:
@@ -282,24 +247,33 @@ def _check_existing(job: Job, identity: Mapping[str, Any]) -> None:
         raise _JobError(f"{job.source}: {problem}")
 
 
-def _segmenter(job: Job, events: EventArray) -> Any:
+def _segmenter(job: Job, part: OpenPart) -> Any:
     module, _, name = job.segmenter.partition(":")
     factory = getattr(importlib.import_module(module), name)
-    camera = None
-    if job.camera is not None:
-        try:
-            camera = Camera.from_file(job.camera, width=events.width, height=events.height)
-        except ValueError as error:
-            raise _JobError(f"{job.source}: {error}") from None
     config = job.config
     if config.threads == 0:
         config = replace(config, threads=job.threads)
-    return factory(width=events.width, height=events.height, camera=camera, config=config)
+    return factory(width=part.size[0], height=part.size[1], camera=_camera(job, part), config=config)
 
 
-def _write_pictures(folder: Path, events: EventArray, seg: Any) -> None:
-    window = events[seg.start : seg.stop]
-    caption = f"t = {(int(seg.t_ref) - int(events.t[0])) / 1e6:.3f} s   {len(window)} events"
+def _camera(job: Job, part: OpenPart) -> Camera | None:
+    if job.camera is None:
+        return None
+    width, height = part.sensor
+    try:
+        camera = Camera.from_file(job.camera, width=width, height=height)
+        crop = job.reading.crop
+        if crop is None:
+            return camera
+        cx, cy = camera.cx - crop.x, camera.cy - crop.y
+        return replace(camera, width=crop.width, height=crop.height, cx=cx, cy=cy)
+    except ValueError as error:
+        raise _JobError(f"{job.source}: {error}") from None
+
+
+def _write_pictures(folder: Path, seg: Any, origin: int) -> None:
+    window = seg.events
+    caption = f"t = {(int(seg.t_ref) - origin) / 1e6:.3f} s   {len(window)} events"
     write_png(
         folder / "preview.png",
         side_by_side(
@@ -324,16 +298,35 @@ def render_video(folder: Path, source: Path | None = None) -> Path:
         ValueError: naming the file that is missing, damaged or of another recording.
         VideoError: where it cannot be encoded.
     """
-    result, run = load_result(folder)
-    source = source or Path(run["input"]["path"])
-    if _sha256(_existing(source)) != run["input_sha256"]:
-        raise ReadError(source, f"is not the recording that {folder} is the result of")
+    events, result = read_result(folder, source)
     work = folder / f".{VIDEO_NAME}.tmp-{os.getpid()}.mp4"
     try:
-        _write_video(work, read(source), result)
+        _write_video(work, events, result)
         return work.replace(folder / VIDEO_NAME)
     finally:
         work.unlink(missing_ok=True)
+
+
+def read_result(folder: Path, source: Path | None = None) -> tuple[EventArray, SequenceResult]:
+    """A result folder's segmentation, and the events that it is of.
+
+    Args:
+        folder: What :func:`run_job` wrote.
+        source: The recording, if it is no longer where it was.
+
+    Raises:
+        ValueError: naming the file that is missing, damaged or of another recording.
+    """
+    result, run = load_result(folder)
+    try:
+        source = source or Path(run["input"]["path"])
+        expected = run["input_sha256"]
+        reading = Reading.from_json(run["reading"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{folder / 'run.json'}: damaged, or of another version: {error!r}") from None
+    if _sha256(_existing(source)) != expected:
+        raise ReadError(source, f"is not the recording that {folder} is the result of")
+    return reading.read(source), result
 
 
 def _existing(source: Path) -> Path:
@@ -367,68 +360,3 @@ def _commit() -> str | None:
         return git("rev-parse", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return None
-
-
-def run_jobs(
-    jobs: Sequence[Job], *, processes: int, progress: Callable[[Job, int, int], None] | None = None
-) -> Iterator[Outcome]:
-    """Do all jobs, some at a time, and give their outcomes as they end; the results do not depend on it.
-
-    Args:
-        jobs: What to do.
-        processes: How many to do at a time, each in a process of its own; 1: all in this one.
-        progress: Called with a job and its events done and in all; not across processes.
-    """
-    if processes <= 1 or len(jobs) <= 1:
-        for job in jobs:
-            yield run_job(job, None if progress is None else functools.partial(progress, job))
-        return
-    threads = max(1, (os.cpu_count() or 1) // processes)
-    unfinished = yield from _run_pool([replace(job, threads=threads) for job in jobs], processes)
-    for job in unfinished:  # a process died, and the pool with it: find out whose, one by one
-        if (yield from _run_pool([job], 1)):
-            yield Outcome(job, "failed", f"{job.source}: its process died, perhaps for want of memory")
-
-
-def _run_pool(jobs: Sequence[Job], processes: int) -> Generator[Outcome, None, list[Job]]:
-    """Outcomes as they end; returns the jobs that were open when a process died."""
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(
-        min(processes, len(jobs)),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_prepare_worker,
-    )
-    unfinished: list[Job] = []
-    futures: dict[Future[Outcome], Job] = {}
-    try:
-        for job in jobs:
-            try:
-                futures[pool.submit(run_job, job)] = job
-            except BrokenProcessPool:
-                unfinished.append(job)
-        for future in as_completed(futures):
-            try:
-                outcome = future.result()
-            except BrokenProcessPool:
-                unfinished.append(futures[future])
-            else:
-                yield outcome
-    except BaseException:  # interrupted: the workers clear their half-written results and go
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
-        raise
-    finally:
-        pool.shutdown()
-    return unfinished
-
-
-def _prepare_worker() -> None:
-    """Leave a worker's end to its parent: no interrupt from the keyboard, but SIGTERM clears up."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, exit_on_signal)
-
-
-def exit_on_signal(number: int, frame: FrameType | None) -> NoReturn:
-    """Signal handler: end by an exception, so that half-written results are removed on the way."""
-    raise SystemExit(128 + number)

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; others join in here.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -16,9 +16,10 @@ import typer
 from tqdm import tqdm
 
 import emseg
-from emseg.cli_recordings import convert, info
+from emseg import cli_recordings as recordings
+from emseg.cli_live import live, record
+from emseg.cli_options import CameraFile, ConfigFile, Preset, read_config
 from emseg.config import Config
-from emseg.yaml_files import ConfigError
 
 __all__ = ["app", "main"]
 
@@ -37,7 +38,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Preset = Annotated[str | None, typer.Option("--preset", help="Published settings; `emseg config --list`.")]
+ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="A folder that `emseg segment` wrote.")]
+RecordingOfResult = Annotated[
+    Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
+]
 
 
 def _print_version(asked: bool) -> None:
@@ -63,90 +67,113 @@ def _common(
 def segment(
     inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings, or folders of them.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the results.")],
-    config_file: Annotated[
-        Path | None, typer.Option("--config", metavar="FILE", help="Settings, YAML.")
-    ] = None,
+    config_file: ConfigFile = None,
     preset: Preset = None,
-    camera: Annotated[
-        Path | None, typer.Option("--camera", metavar="FILE", help="Calibration, YAML or text.")
-    ] = None,
+    camera: CameraFile = None,
     video: Annotated[bool, typer.Option("--video", help="Write segmentation.mp4 too.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Recordings at a time.")] = 1,
+    executor: Annotated[
+        str, typer.Option("--executor", help="local, dask://HOST:PORT, slurm or slurm://PARTITION.")
+    ] = "local",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace results that are there.")] = False,
+    span: recordings.Span = None,
+    crop: recordings.CropOption = None,
+    keep_going: recordings.KeepGoing = False,
+    size: recordings.Size = None,
+    stream: recordings.Stream = None,
+    columns: recordings.Columns = None,
+    time_unit: recordings.Unit = None,
 ) -> None:
     """Segment recordings into DIR/<name>/.
 
     What is done already is skipped, so that an interrupted run goes on where it stopped.
     """
-    config = _config(config_file, preset)
+    from emseg.batch import find_inputs
+    from emseg.reading import Reading
+
+    config = read_config(config_file, preset)
+    options = recordings.open_options(keep_going, size, stream, columns, time_unit)
+    reading = Reading(**options, span=recordings.parse_span(span), crop=recordings.parse_crop(crop))
     _check_camera(camera)
     if video and not _has_video_encoder():
         raise typer.BadParameter(NO_ENCODER, param_hint="--video")
     if out.exists() and not out.is_dir():
         raise typer.BadParameter(f"{out} is a file, expected a folder", param_hint="--out")
-    from emseg.batch import find_inputs
-
     sources = list(dict.fromkeys(find_inputs(inputs)))
     if not sources:
         listed = ", ".join(str(path) for path in inputs)
         raise typer.BadParameter(f"no recordings in {listed}", param_hint="IN...")
-    raise typer.Exit(_segment_all(sources, out, config, camera, video, jobs, overwrite))
+    status = _segment_all(
+        sources,
+        out,
+        config,
+        executor=executor,
+        processes=jobs,
+        reading=reading,
+        camera=camera,
+        video="yes" if video else "no",
+        existing="replace" if overwrite else "keep",
+    )
+    raise typer.Exit(status)
 
 
 def _segment_all(
     sources: list[Path],
     out: Path,
     config: Config,
-    camera: Path | None,
-    video: bool,
-    processes: int,
-    overwrite: bool,
+    *,
+    executor: str = "local",
+    processes: int = 1,
+    **options: Any,
 ) -> int:
+    """Do a job for each recording, `options` being further ones of :class:`emseg.batch.Job`: exit status."""
     from emseg import batch
+    from emseg.executors import ExecutorError, make_executor
 
-    todo = [
-        batch.Job(
-            source,
-            out / name,
-            config,
-            camera=camera,
-            video="yes" if video else "no",
-            existing="replace" if overwrite else "keep",
-            segmenter=batch.SEGMENTER,
-        )
-        for source, name in zip(sources, batch.name_inputs(sources), strict=True)
-    ]
-    failed = 0
     bar = _Bar()
     try:
-        for outcome in batch.run_jobs(todo, processes=processes, progress=bar.update):
+        doer = make_executor(executor, processes=processes, folder=out, progress=bar.update)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--executor") from None
+    todo = [
+        batch.Job(source, out / name, config, segmenter=batch.SEGMENTER, **options)
+        for source, name in zip(sources, batch.name_inputs(sources), strict=True)
+    ]
+    failed = []
+    try:
+        for outcome in doer.run(todo):
             bar.clear()
-            failed += outcome.status == "failed"
+            if outcome.status == "failed":
+                failed.append(outcome.job.source)
             typer.echo(f"{outcome.status}: {outcome.message}", err=outcome.status == "failed")
+    except ExecutorError as error:
+        typer.echo(f"failed: {error}", err=True)
+        return SOME_FAILED
     except KeyboardInterrupt:
         bar.clear()
         typer.echo("interrupted; finished results stay, no half ones are left", err=True)
         return INTERRUPTED
     if failed:
-        typer.echo(f"{failed} of {len(todo)} failed", err=True)
+        named = "".join(f"\n  {source}" for source in failed)
+        typer.echo(f"{len(failed)} of {len(todo)} failed:{named}", err=True)
     return SOME_FAILED if failed else DONE
 
 
 class _Bar:
-    """A progress bar over a recording's events, on a terminal; nothing elsewhere."""
+    """The progress through a recording's events, on a terminal; nothing elsewhere."""
 
     def __init__(self) -> None:
         self._bar: Any = None
         self._source: Path | None = None
 
-    def update(self, job: Any, done: int, of: int) -> None:
-        """Show that `done` of a job's `of` events are done."""
+    def update(self, job: Any, done: int) -> None:
+        """Show that `done` of a job's events are done; how many there are is known when all are read."""
         if not sys.stderr.isatty():
             return
         if self._source != job.source:
             self.clear()
             self._source = job.source
-            self._bar = tqdm(total=of, desc=job.source.name, unit=" events", unit_scale=True, leave=False)
+            self._bar = tqdm(desc=job.source.name, unit=" events", unit_scale=True, leave=False)
         self._bar.update(done - self._bar.n)
 
     def clear(self) -> None:
@@ -156,8 +183,10 @@ class _Bar:
         self._bar = self._source = None
 
 
-app.command()(info)
-app.command()(convert)
+app.command()(recordings.info)
+app.command()(recordings.convert)
+app.command()(live)
+app.command()(record)
 
 
 @app.command()
@@ -172,7 +201,7 @@ def config(
     if listing:
         typer.echo("\n".join(Config.presets()))
     else:
-        typer.echo(_config(None, preset).to_yaml(), nl=False)
+        typer.echo(read_config(None, preset).to_yaml(), nl=False)
 
 
 @app.command()
@@ -187,7 +216,7 @@ def demo(
     video = _has_video_encoder()
     if not video:
         typer.echo(f"no videos: {NO_ENCODER}", err=True)
-    status = _segment_all(list(bundled().values()), out, Config(), None, video, 1, False)
+    status = _segment_all(list(bundled().values()), out, Config(), video="yes" if video else "no")
     if status == DONE:
         typer.echo("look at:")
         for path in sorted([*out.glob("*/*.png"), *out.glob("*/*.mp4")]):
@@ -196,12 +225,7 @@ def demo(
 
 
 @app.command()
-def render(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A folder that `emseg segment` wrote.")],
-    source: Annotated[
-        Path | None, typer.Option("--source", metavar="FILE", help="The recording, if it has moved.")
-    ] = None,
-) -> None:
+def render(result: ResultFolder, source: RecordingOfResult = None) -> None:
     """Make the video of a result folder (again)."""
     from emseg.batch import render_video
     from emseg.video import VideoError
@@ -214,6 +238,22 @@ def render(
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
     typer.echo(f"done: {target}")
+
+
+@app.command()
+def view(result: ResultFolder, source: RecordingOfResult = None) -> None:
+    """Show a result folder in a window, to play and to step through."""
+    from emseg.batch import read_result
+    from emseg.video import film
+    from emseg.viewer import ViewerError, open_window
+
+    try:
+        open_window(film(*read_result(result, source)), f"emseg: {result}")
+    except (ValueError, ViewerError, OSError) as error:
+        typer.echo(f"failed: {error}", err=True)
+        if isinstance(error, ViewerError):
+            typer.echo(f"`emseg render {result}` makes a video instead", err=True)
+        raise typer.Exit(SOME_FAILED) from None
 
 
 @app.command()
@@ -261,17 +301,6 @@ def simulate(
     raise typer.Exit(SOME_FAILED if failed else DONE)
 
 
-def _config(path: Path | None, preset: str | None) -> Config:
-    if path is not None and preset is not None:
-        raise typer.BadParameter("expected --config or --preset, not both")
-    try:
-        if preset is not None:
-            return Config.preset(preset)
-        return Config.from_yaml(path) if path is not None else Config()
-    except ConfigError as error:
-        raise typer.BadParameter(str(error), param_hint="--preset" if preset else "--config") from None
-
-
 def _check_camera(path: Path | None) -> None:
     """Refuse a calibration that no recording could go with."""
     if path is None:
@@ -294,7 +323,7 @@ def _has_video_encoder() -> bool:
 
 def main() -> NoReturn:
     """The entry point of the `emseg` command."""
-    from emseg.batch import exit_on_signal
+    from emseg.executors import exit_on_signal
 
     signal.signal(signal.SIGTERM, exit_on_signal)
     app()

@@ -12,7 +12,20 @@ import typer
 
 from emseg.events import EventArray
 
-__all__ = ["convert", "info"]
+__all__ = [
+    "Columns",
+    "CropOption",
+    "KeepGoing",
+    "Size",
+    "Span",
+    "Stream",
+    "Unit",
+    "convert",
+    "info",
+    "open_options",
+    "parse_crop",
+    "parse_span",
+]
 
 DONE: Final = 0
 FAILED: Final = 1
@@ -45,9 +58,13 @@ Columns = Annotated[
     str | None, typer.Option("--columns", metavar="txyp", help="Order of the columns of text without header.")
 ]
 Unit = Annotated[TimeUnit | None, typer.Option("--time-unit", help="Unit of times that do not tell theirs.")]
+Span = Annotated[str | None, typer.Option("--span", metavar="FROM:TO", help="Seconds from the first event.")]
+CropOption = Annotated[
+    str | None, typer.Option("--crop", metavar="X,Y,W,H", help="Only a part of the sensor, px.")
+]
 
 
-def _open_options(
+def open_options(
     keep_going: bool, size: str | None, stream: str | None, columns: str | None, unit: TimeUnit | None
 ) -> dict[str, Any]:
     """Keyword arguments of :func:`emseg.io.open_recording`."""
@@ -79,7 +96,7 @@ def _parse_size(text: str | None) -> tuple[int, int] | None:
     return sides
 
 
-def _parse_span(text: str | None) -> tuple[float, float] | None:
+def parse_span(text: str | None) -> tuple[float, float] | None:
     """Seconds from and to, of which either may be left out: 0.5:2, :2, 0.5:."""
     if text is None:
         return None
@@ -95,7 +112,8 @@ def _parse_span(text: str | None) -> tuple[float, float] | None:
     return span
 
 
-def _parse_crop(text: str | None) -> Any:
+def parse_crop(text: str | None) -> Any:
+    """A part of the sensor: X,Y,WIDTH,HEIGHT in px."""
     if text is None:
         return None
     from emseg.filters import Crop
@@ -120,7 +138,7 @@ def info(
     """Say what recordings hold: format, sensor, events, frames, inertial measurements."""
     from emseg.io import ReadError, open_recording
 
-    options = _open_options(keep_going, size, stream, columns, time_unit)
+    options = open_options(keep_going, size, stream, columns, time_unit)
     failed = 0
     for path in inputs:
         try:
@@ -172,12 +190,8 @@ def convert(
     target: Annotated[
         Path, typer.Argument(metavar="OUT", help="The file to write: .aedat4, .npz, .h5, .txt or .csv.")
     ],
-    span: Annotated[
-        str | None, typer.Option("--span", metavar="FROM:TO", help="Seconds from the first event.")
-    ] = None,
-    crop: Annotated[
-        str | None, typer.Option("--crop", metavar="X,Y,W,H", help="Only a part of the sensor, px.")
-    ] = None,
+    span: Span = None,
+    crop: CropOption = None,
     filters: Annotated[
         list[Filter] | None,
         typer.Option("--filter", help="Leave out noise (lone events) or hot pixels; repeatable."),
@@ -204,10 +218,10 @@ def convert(
         raise typer.BadParameter(f"{target} {reason}", param_hint="OUT")
     if not target.parent.is_dir():
         raise typer.BadParameter(f"{target.parent} is no folder", param_hint="OUT")
-    part = _parse_crop(crop)
-    options = _open_options(keep_going, size, stream, columns, time_unit)
+    part = parse_crop(crop)
+    options = open_options(keep_going, size, stream, columns, time_unit)
     try:
-        line = _convert(source, target, form, options, _parse_span(span), part, set(filters or ()))
+        line = _convert(source, target, form, options, parse_span(span), part, set(filters or ()))
     except ReadError as error:
         typer.echo(f"failed: {error}", err=True)
         raise typer.Exit(FAILED) from None

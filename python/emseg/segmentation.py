@@ -6,7 +6,7 @@ import copy
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from emseg import _core
 from emseg.camera import Camera
 from emseg.config import Config
+from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
 from emseg.motion import MotionModel, iwe, warp
 from emseg.tracking import BOX_DTYPE, Tracker, bounding_box
@@ -288,79 +289,86 @@ class Segmenter:
 
         By count or by duration where the config says so; adaptive otherwise (see `run`).
         """
-        if self.config.num_events_per_image is not None:
-            intervals = _core.windows_by_count(len(events), self.config.num_events_per_image)
-        elif self.config.window_duration is not None:
-            intervals = _core.windows_by_duration(events.t, max(1, round(self.config.window_duration * 1e6)))
-        else:
-            start = 0
-            while start < len(events):
-                stop = self._adaptive_stop(events, start, None)
-                yield start, stop
-                start = stop
-            return
-        yield from ((int(start), int(stop)) for start, stop in intervals)
+        buffer = EventBuffer(events, width=events.width, height=events.height)
+        while size := self.window_size(buffer):
+            buffer.take(size)
+            yield buffer.taken - size, buffer.taken
 
-    def run(self, events: EventArray) -> Iterator[Segmentation]:
+    def run(self, events: EventArray | Iterable[EventArray]) -> Iterator[Segmentation]:
         """Segment a recording: windows in order, each starting from what the last one found.
 
         Without a count or a duration in the config, a window lasts until the events of most motions have
         moved some pixels: long enough to tell motions apart, short enough for them to be uniform.
 
+        Args:
+            events: The recording, whole or in chunks.  In chunks it may be of any length, since nothing is
+                kept of what is done; how it is cut changes nothing.
+
         Yields:
             A Segmentation a window, whose labels above 0 are track ids: an object keeps its id from window
             to window, and parts of one motion that lie apart are objects of their own.
+
+        Raises:
+            ValueError: the events' sensor is not this segmenter's, or chunks overlap in time.
         """
-        self._check_sensor(events)
-        tracker = Tracker(events.width, events.height)
-        for start, found in self._segment_windows(events):
+        tracker = Tracker(self.width, self.height)
+        buffer = EventBuffer(events, width=self.width, height=self.height)
+        for start, found in self._segment_windows(buffer):
             labels, models = tracker.assign(
                 found.events, found.labels, found.models, found.t_ref, self.camera
             )
             yield found.relabelled(labels, models, start=start)
 
-    def _segment_windows(self, events: EventArray) -> Iterator[tuple[int, Segmentation]]:
+    def _segment_windows(self, buffer: EventBuffer) -> Iterator[tuple[int, Segmentation]]:
         """Windows in order, with their first event; labels as `segment` gives them.
 
         Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
         found, whatever the number of threads, so that the labels do not depend on it.
         """
-        fixed = self.config.num_events_per_image is not None or self.config.window_duration is not None
-        intervals = self.windows(events) if fixed else None
         threads = self.config.threads or len(os.sched_getaffinity(0))
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
-            stop = 0
             for count in itertools.count():
                 done = None
                 if len(running) == _WINDOWS_AT_A_TIME:
                     begin, future = running.popleft()
                     done = begin, future.result()
                 known = done[1] if done else None
-                start = stop
-                if intervals is not None:
-                    start, stop = next(intervals, (len(events), len(events)))
-                elif start < len(events):
-                    # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
-                    stop = self._adaptive_stop(events, start, known if count % _WINDOWS_ON_TRUST else None)
-                if start < stop:
+                # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
+                trusted = known if count % _WINDOWS_ON_TRUST else None
+                window = buffer.take(self.window_size(buffer, trusted.next_duration if trusted else None))
+                if len(window):
                     candidates = known.models if known else ()
-                    task = executor.submit(
-                        self._segment_by, next(engines), events[start:stop], candidates=candidates
-                    )
-                    running.append((start, task))
+                    task = executor.submit(self._segment_by, next(engines), window, candidates=candidates)
+                    running.append((buffer.taken - len(window), task))
                 if done:
                     yield done
-                elif start >= stop:
+                elif not len(window):
                     break
             for begin, future in running:
                 yield begin, future.result()
 
-    def _adaptive_stop(self, events: EventArray, start: int, last: Segmentation | None) -> int:
-        duration = 0 if last is None else last.next_duration
-        return self._engine.window_end(events.x, events.y, events.t, events.p, start, duration)
+    def window_size(self, buffer: EventBuffer, duration_us: int | None = None) -> int:
+        """How many of the events to come the next window takes; 0 where none is left.
+
+        Args:
+            buffer: What is to come; it is looked ahead into.
+            duration_us: How long an adaptive window is to last, µs, by the motion found before; None: it is
+                judged from the events to come.
+        """
+        if self.config.num_events_per_image is not None:
+            count = self.config.num_events_per_image
+            return min(count, len(buffer.look_ahead(count=count)))
+        if self.config.window_duration is not None:
+            return buffer.count_to_multiple(max(1, round(self.config.window_duration * 1e6)))
+        ahead = buffer.look_ahead(
+            count=_core.largest_window, duration_us=duration_us or _core.longest_window_us
+        )
+        if not len(ahead):
+            return 0
+        return self._engine.window_end(ahead.x, ahead.y, ahead.t, ahead.p, 0, duration_us or 0)
 
 
 def segment(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import logging
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -38,14 +38,12 @@ class Film:
     """The frames that show a recording.
 
     Attributes:
-        frames: The frames in order, RGB uint8 (h, w, 3).
-        count: Their number.
+        frames: The frames in order, RGB uint8 (h, w, 3); each is drawn when it is asked for.
         frames_per_s: Rate at which to show them.
         slowdown: How many times slower than life that is.
     """
 
-    frames: Iterator[Picture]
-    count: int
+    frames: Sequence[Picture]
     frames_per_s: int
     slowdown: float
 
@@ -62,35 +60,55 @@ def film(events: EventArray, result: SequenceResult) -> Film:
     step = float(np.clip(duration / (_FRAMES_PER_S * _SHORTEST_S), _SHORTEST_STEP_US, 1e6 / _FRAMES_PER_S))
     count = max(1, round(duration / step))
     slowdown = 1e6 / _FRAMES_PER_S / step
-    return Film(_frames(events, result, step, count, slowdown), count, _FRAMES_PER_S, slowdown)
+    frames = _Frames(events, result, step=step, count=count, slowdown=slowdown)
+    return Film(frames, _FRAMES_PER_S, slowdown)
 
 
-def _frames(
-    events: EventArray, result: SequenceResult, step: float, count: int, slowdown: float
-) -> Iterator[Picture]:
-    if not len(events):
-        blank = polarity_picture(events, caption="no events")
-        yield side_by_side(blank, blank)
-        return
-    enough = _FILLING * events.width * events.height * max(1, events.duration) / len(events)
-    exposure = float(np.clip(enough, step, max(step, _LONGEST_EXPOSURE_US)))
-    scale = fitting_scale(2 * events.width, events.height, longer_side=_LONGER_SIDE)
-    first = int(events.t[0])
-    pace = f"   {slowdown:.3g}× slower" if slowdown > 1.01 else ""
-    for k in range(count):
-        t_stop = first + round((k + 1) * step)
-        last = events.duration + first + 1 if k == count - 1 else t_stop
-        start, stop = np.searchsorted(events.t, [t_stop - round(exposure), last])
+class _Frames(Sequence[Picture]):
+    """The frames of a film, each drawn when it is asked for."""
+
+    def __init__(
+        self, events: EventArray, result: SequenceResult, *, step: float, count: int, slowdown: float
+    ) -> None:
+        self._events, self._result = events, result
+        self._step, self._count = step, count if len(events) else 1
+        enough = _FILLING * events.width * events.height * max(1, events.duration) / max(1, len(events))
+        self._exposure = float(np.clip(enough, step, max(step, _LONGEST_EXPOSURE_US)))
+        self._scale = fitting_scale(2 * events.width, events.height, longer_side=_LONGER_SIDE)
+        self._pace = f"   {slowdown:.3g}× slower" if slowdown > 1.01 else ""
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Picture: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Picture]: ...
+    def __getitem__(self, index: int | slice) -> Picture | list[Picture]:
+        numbers = range(self._count)[index]
+        return [self._draw(k) for k in numbers] if isinstance(numbers, range) else self._draw(numbers)
+
+    def _draw(self, k: int) -> Picture:
+        events = self._events
+        if not len(events):
+            blank = polarity_picture(events, caption="no events")
+            return side_by_side(blank, blank)
+        first = int(events.t[0])
+        t_stop = first + round((k + 1) * self._step)
+        last = events.duration + first + 1 if k == self._count - 1 else t_stop
+        start, stop = np.searchsorted(events.t, [t_stop - round(self._exposure), last])
         shown = events[start:stop]
-        boxes = _boxes_at(events, result, t_stop - round(step / 2))
+        boxes = _boxes_at(events, self._result, t_stop - round(self._step / 2))
         seconds = f"t = {(t_stop - first) / 1e6:.3f} s"
-        yield side_by_side(
-            polarity_picture(shown, scale=scale, caption=f"{seconds}   {len(shown)} events{pace}"),
+        return side_by_side(
+            polarity_picture(
+                shown, scale=self._scale, caption=f"{seconds}   {len(shown)} events{self._pace}"
+            ),
             label_picture(
                 shown,
-                result.labels[start:stop],
+                self._result.labels[start:stop],
                 boxes=boxes,
-                scale=scale,
+                scale=self._scale,
                 caption=f"{seconds}   {len(boxes)} moving",
             ),
         )

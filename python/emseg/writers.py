@@ -7,20 +7,36 @@ import csv
 import json
 import os
 import shutil
+import socket
 import struct
+import textwrap
+import zipfile
 import zlib
+from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from types import TracebackType
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from emseg.render import Picture
 
-__all__ = ["TRACK_DTYPE", "SequenceResult", "atomic_folder", "load_result", "save_result", "write_png"]
+__all__ = [
+    "TRACK_DTYPE",
+    "ResultWriter",
+    "SequenceResult",
+    "atomic_folder",
+    "clear_leftovers",
+    "load_result",
+    "write_png",
+]
+
+_BLOCK: Final = 1 << 20
 
 TRACK_DTYPE: Final = np.dtype(
     [
@@ -59,22 +75,110 @@ class SequenceResult:
     models: list[dict[str, Any]]
 
 
-def save_result(folder: Path, result: SequenceResult, run: Mapping[str, Any]) -> None:
-    """Write labels.npz, models.json, tracks.csv and run.json into an existing folder."""
-    np.savez_compressed(
-        folder / "labels.npz",
-        start=result.start,
-        stop=result.stop,
-        t_ref=result.t_ref,
-        labels=result.labels,
-    )
-    _write_json(folder / "models.json", result.models)
-    with (folder / "tracks.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(TRACK_DTYPE.names or ())
-        for row in result.tracks:
-            writer.writerow([round(v, 3) if isinstance(v, float) else v for v in row.item()])
-    _write_json(folder / "run.json", run)
+class ResultWriter:
+    """Writes a recording's segmentation into a folder window by window, in memory that hardly grows.
+
+    Use as a context manager; what is there is complete after :meth:`finish`.
+
+    Attributes:
+        windows: Number of windows added.
+        tracks: Their tracks.
+        timings: The stages' times added up, s.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.windows = 0
+        self.tracks: set[int] = set()
+        self.timings: Counter[str] = Counter()
+        self._written = 0  # labels
+        self._bounds: dict[str, array[int]] = {name: array("q") for name in ("start", "stop", "t_ref")}
+        with contextlib.ExitStack() as files:
+            # An archive holds one array after the other, and the length of each before it.
+            self._labels = files.enter_context((folder / "labels.column").open("wb"))
+            self._models = files.enter_context((folder / "models.json").open("w", encoding="utf-8"))
+            self._table = files.enter_context((folder / "tracks.csv").open("w", encoding="utf-8", newline=""))
+            self._rows = csv.writer(self._table, lineterminator="\n")
+            self._rows.writerow(TRACK_DTYPE.names or ())
+            self._files = files.pop_all()
+
+    def add(self, seg: Any) -> None:
+        """Write the next window: a segmentation such as `Segmenter.run` gives."""
+        start, stop, t_ref = int(seg.start), int(seg.stop), int(seg.t_ref)
+        labels = np.asarray(seg.labels, np.int32)
+        self._write_labels(labels, start)
+        for name, value in zip(self._bounds, (start, stop, t_ref), strict=True):
+            self._bounds[name].append(value)
+        values, counts = np.unique(labels, return_counts=True)
+        sizes = dict(zip(values.tolist(), counts.tolist(), strict=True))
+        for box in seg.boxes:
+            track = int(box["track"])
+            place = (float(box[name]) for name in ("x", "y", "w", "h"))
+            row = np.array((self.windows, t_ref, track, *place, sizes.get(track, 0)), TRACK_DTYPE).item()
+            self._rows.writerow([round(v, 3) if isinstance(v, float) else v for v in row])
+            self.tracks.add(track)
+        window = {
+            "window": self.windows,
+            "start": start,
+            "stop": stop,
+            "t_ref_us": t_ref,
+            "energy": float(seg.energy),
+            "models": [
+                {
+                    "label": int(model.label),
+                    "kind": str(model.kind),
+                    "params": [float(value) for value in np.ravel(model.params)],
+                }
+                for model in seg.models
+            ],
+        }
+        self._models.write(",\n" if self.windows else "[\n")
+        self._models.write(textwrap.indent(json.dumps(window, indent=1, ensure_ascii=False), " "))
+        self.timings.update({str(stage): float(seconds) for stage, seconds in seg.timings.items()})
+        self.windows += 1
+
+    def _write_labels(self, labels: npt.NDArray[np.int32], start: int) -> None:
+        """Labels of the events from `start` on; those passed over lie in no window."""
+        if start < self._written:
+            raise ValueError(f"window {self.windows} begins with event {start}, before {self._written}")
+        for first in range(self._written, start, _BLOCK):
+            np.full(min(_BLOCK, start - first), -1, "<i4").tofile(self._labels)
+        labels.astype("<i4", copy=False).tofile(self._labels)
+        self._written = start + len(labels)
+
+    def finish(self, run: Mapping[str, Any], *, events: int) -> None:
+        """Write what can only be written at the end.
+
+        Args:
+            run: What goes into run.json.
+            events: Number of the recording's events.
+        """
+        self._write_labels(np.empty(0, np.int32), events)
+        self._models.write("\n]\n" if self.windows else "[]\n")
+        self.close()
+        column = self._folder / "labels.column"
+        with zipfile.ZipFile(self._folder / "labels.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, values in self._bounds.items():
+                with archive.open(f"{name}.npy", "w") as member:
+                    np.lib.format.write_array(member, np.array(values, "<i8"), allow_pickle=False)
+            with archive.open("labels.npy", "w", force_zip64=True) as member, column.open("rb") as file:
+                header = {"descr": "<i4", "fortran_order": False, "shape": (events,)}
+                np.lib.format.write_array_header_1_0(member, header)
+                shutil.copyfileobj(file, member, _BLOCK)
+        column.unlink()
+        _write_json(self._folder / "run.json", run)
+
+    def close(self) -> None:
+        """Close the files; they are complete only after :meth:`finish`."""
+        self._files.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 def load_result(folder: str | PathLike[str]) -> tuple[SequenceResult, dict[str, Any]]:
@@ -134,9 +238,9 @@ def atomic_folder(target: Path) -> Iterator[Path]:
     removed and the target stays as it was.  What a killed process has left of the same target is cleared.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    for stale in _leftovers(target):
+    for stale in _leftovers(target, "dead"):
         shutil.rmtree(stale, ignore_errors=True)
-    work = target.parent / f".{target.name}.tmp-{os.getpid()}"
+    work = target.parent / f".{target.name}.tmp-{_this_process()}"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir()
     try:
@@ -150,7 +254,7 @@ def atomic_folder(target: Path) -> Iterator[Path]:
 
 
 def _replace(work: Path, target: Path) -> None:
-    old = target.parent / f".{target.name}.old-{os.getpid()}"
+    old = target.parent / f".{target.name}.old-{_this_process()}"
     if target.exists():
         target.rename(old)
     try:
@@ -163,14 +267,26 @@ def _replace(work: Path, target: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _leftovers(target: Path) -> Iterator[Path]:
-    """Work folders of `target` whose process has ended."""
+def clear_leftovers(target: Path) -> None:
+    """Remove what other processes, on any machine, have left of a target that is complete."""
+    for path in _leftovers(target, "all"):
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def _leftovers(target: Path, which: Literal["dead", "all"]) -> Iterator[Path]:
+    """Work folders of `target`: all, or those of processes of this machine that have ended."""
     for kind in ("tmp", "old"):
         prefix = f".{target.name}.{kind}-"
         for path in target.parent.glob(f"{_escaped(prefix)}*"):
-            process = path.name.removeprefix(prefix)
-            if process.isdigit() and not _runs(int(process)):
+            process, _, host = path.name.removeprefix(prefix).partition("@")
+            if not process.isdigit():
+                continue
+            if which == "all" or (host == socket.gethostname() and not _runs(int(process))):
                 yield path
+
+
+def _this_process() -> str:
+    return f"{os.getpid()}@{socket.gethostname()}"
 
 
 def _escaped(name: str) -> str:

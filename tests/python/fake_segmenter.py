@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -58,6 +59,11 @@ class FakeSegmentation:
         return image
 
 
+def whole(chunks: Iterable[EventArray]) -> EventArray:
+    nothing = EventArray([], [], [], [], width=64, height=48)
+    return EventArray.concatenate(list(chunks) or [nothing])
+
+
 class FakeSegmenter:
     window = 500
 
@@ -65,7 +71,8 @@ class FakeSegmenter:
         assert (camera.width, camera.height) == (width, height) if camera is not None else True
         self.config = config
 
-    def run(self, events: EventArray) -> Iterator[FakeSegmentation]:
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
+        events = whole(chunks)
         for start in range(0, len(events), self.window):
             stop = min(start + self.window, len(events))
             yield FakeSegmentation(events[start:stop], start, stop)
@@ -74,12 +81,24 @@ class FakeSegmenter:
 class DyingSegmenter(FakeSegmenter):
     """Takes the process with it where the recording has an odd number of events."""
 
-    def run(self, events: EventArray) -> Iterator[FakeSegmentation]:
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
+        events = whole(chunks)
         if len(events) % 2:
             os._exit(9)
-        return super().run(events)
+        return super().run([events])
 
 
 class RaisingSegmenter(FakeSegmenter):
-    def run(self, events: EventArray) -> Iterator[FakeSegmentation]:
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
         raise RuntimeError("two\nlines")
+
+
+class SlowSegmenter(FakeSegmenter):
+    """Takes its time, so that something can happen in the midst of a run."""
+
+    seconds = 0.2
+
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[FakeSegmentation]:
+        for found in super().run(chunks):
+            time.sleep(self.seconds)
+            yield found

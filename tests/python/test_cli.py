@@ -9,6 +9,7 @@ import json
 import os
 import pty
 import signal
+import socket
 import subprocess
 import sys
 import termios
@@ -139,7 +140,8 @@ def test_some_failed(tmp_path: Path) -> None:
     assert result.exit_code == 1
     lines = result.stderr.splitlines()
     assert lines[0].startswith(f"failed: {bad}: is no sound NumPy file")
-    assert lines[1:] == [f"failed: {tmp_path / 'none.npz'}: no such file", "2 of 3 failed"]
+    none = tmp_path / "none.npz"
+    assert lines[1:] == [f"failed: {none}: no such file", "2 of 3 failed:", f"  {bad}", f"  {none}"]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["good"]
 
 
@@ -237,7 +239,7 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*arguments: Any, **options: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(writers.np, "savez_compressed", full)
+    monkeypatch.setattr(writers.ResultWriter, "finish", full)
     source = recording(tmp_path / "a.npz")
     result = emseg_("segment", source, "--out", tmp_path / "out")
     assert result.exit_code == 1
@@ -250,11 +252,11 @@ HALF_WRITTEN = """
 import time
 from emseg import batch, cli
 
-def stop_halfway(folder, *_):
-    (folder / "half").write_text("x")
+def stop_halfway(writer, seg):
+    (writer._folder / "half").write_text("x")
     time.sleep(60)
 
-batch.save_result = stop_halfway
+batch.ResultWriter.add = stop_halfway
 batch.SEGMENTER = "fake_segmenter:FakeSegmenter"
 if __name__ == "__main__":
     cli.main()
@@ -333,7 +335,7 @@ def test_progress_on_a_terminal(tmp_path: Path) -> None:
     os.close(other_end)
     assert process.returncode == 0
     assert "a.npz" in shown
-    assert "1.20k" in shown
+    assert "events/s" in shown
     assert output.decode().startswith("done: ")
     plain = subprocess.run(
         [*command, "--overwrite"], env=environment, capture_output=True, text=True, check=True
@@ -357,6 +359,52 @@ def test_config_prints_yaml_that_reads_back(tmp_path: Path) -> None:
         printed = emseg_("config", *(("--preset", preset) if preset else ())).output
         (tmp_path / "c.yaml").write_text(printed)
         assert Config.from_yaml(tmp_path / "c.yaml") == (Config.preset(preset) if preset else Config())
+
+
+def test_a_part_of_a_recording(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "a.npz"), tmp_path / "out"
+    part = ("--span", "0.02:0.06", "--crop", "8,4,40,30")
+    assert emseg_("segment", source, "--out", out, *part).exit_code == 0
+    assert emseg_("convert", source, tmp_path / "b.npz", *part).exit_code == 0
+    expected = emseg.read(tmp_path / "b.npz")
+    run = json.loads((out / "a" / "run.json").read_text())
+    assert (run["input"]["events"], run["input"]["width"], run["input"]["height"]) == (len(expected), 40, 30)
+    assert run["reading"]["span"] == [0.02, 0.06]
+    events, result = batch.read_result(out / "a")
+    assert events == expected
+    assert (result.labels == 1).tolist() == ((events.x < 20) & (events.y < 15)).tolist()
+    assert "skipped" in emseg_("segment", source, "--out", out, *part).output
+    other = emseg_("segment", source, "--out", out, *part[:2])  # another part is another result
+    assert "holds a result of other settings" in other.output
+    outside = emseg_("segment", source, "--out", tmp_path / "c", "--crop", "8,4,60,30")
+    assert (outside.exit_code, list((tmp_path).glob("c/*"))) == (1, [])
+    assert "reaches beyond the sensor of 64x48" in outside.stderr
+    assert emseg_("segment", source, "--out", tmp_path / "c", "--crop", "8").exit_code == 2
+
+
+def test_a_crop_moves_the_camera_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = recording(tmp_path / "a.npz")
+    (tmp_path / "c.yaml").write_text("{width: 64, height: 48, fx: 60, fy: 60, cx: 32, cy: 24}\n")
+    seen = []
+    make = batch._camera
+    monkeypatch.setattr(batch, "_camera", lambda *a: seen.append(make(*a)) or seen[-1])
+    options = ("--crop", "8,4,40,30", "--camera", tmp_path / "c.yaml")
+    assert emseg_("segment", source, "--out", tmp_path / "out", *options).exit_code == 0
+    camera = seen[0]
+    assert (camera.width, camera.height, camera.cx, camera.cy, camera.fx) == (40, 30, 24, 20, 60)
+
+
+def test_damage_is_kept_when_asked(tmp_path: Path) -> None:
+    source = recording(tmp_path / "a.npz")
+    arrays = dict(np.load(source))
+    arrays["x"][7] = 200
+    np.savez(source, **arrays)
+    refused = emseg_("segment", source, "--out", tmp_path / "out")
+    assert refused.exit_code == 1
+    assert "event 7 lies at (200," in refused.stderr
+    kept = emseg_("segment", source, "--out", tmp_path / "out", "--keep-going")
+    assert kept.exit_code == 0
+    assert "1,199 events" in kept.output
 
 
 def test_camera_files(tmp_path: Path) -> None:
@@ -394,6 +442,18 @@ def test_video_and_render(tmp_path: Path, with_video_at_once: bool) -> None:
     assert {path.name for path in (tmp_path / "out" / "a").iterdir() if path.name[0] == "."} == set()
 
 
+def test_view_without_a_display_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    source = recording(tmp_path / "a.npz")
+    emseg_("segment", source, "--out", tmp_path / "out")
+    result = emseg_("view", tmp_path / "out" / "a")
+    assert result.exit_code == 1
+    assert "failed: no window can be opened here" in result.stderr
+    assert f"`emseg render {tmp_path / 'out' / 'a'}` makes a video instead" in result.stderr
+    assert "no such file" in emseg_("view", tmp_path / "none").stderr
+
+
 def test_video_without_encoder_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None)
     result = emseg_("segment", recording(tmp_path / "a.npz"), "--out", tmp_path / "out", "--video")
@@ -417,8 +477,11 @@ def test_atomic_folder_keeps_the_old_one_on_failure(tmp_path: Path) -> None:
     target = tmp_path / "a [1]"
     with writers.atomic_folder(target) as folder:
         (folder / "x").write_text("old")
-    stale = tmp_path / f".{target.name}.tmp-999999999"
+    host = socket.gethostname()
+    stale = tmp_path / f".{target.name}.tmp-999999999@{host}"
     stale.mkdir()
+    elsewhere = tmp_path / f".{target.name}.tmp-999999999@not-{host}"  # where it may run still
+    elsewhere.mkdir()
 
     def fail() -> None:
         with writers.atomic_folder(target) as folder:
@@ -432,16 +495,28 @@ def test_atomic_folder_keeps_the_old_one_on_failure(tmp_path: Path) -> None:
     with writers.atomic_folder(target) as folder:
         (folder / "x").write_text("new")
     assert (target / "x").read_text() == "new"
+    assert {path.name for path in tmp_path.iterdir()} == {target.name, elsewhere.name}
+    writers.clear_leftovers(target)
     assert [path.name for path in tmp_path.iterdir()] == [target.name]
 
 
-def test_collect_marks_events_of_no_window_as_noise() -> None:
+def test_events_of_no_window_are_noise(tmp_path: Path) -> None:
     from fake_segmenter import FakeSegmentation
 
     events = EventArray([0] * 6, [0] * 6, range(6), [1] * 6, width=4, height=4)
-    result, best, timings = batch.collect(events, [FakeSegmentation(events[2:4], 2, 4)])
+    with writers.ResultWriter(tmp_path) as writer:
+        writer.add(FakeSegmentation(events[2:4], 2, 4))
+        with pytest.raises(ValueError, match="window 1 begins with event 3, before 4"):
+            writer.add(FakeSegmentation(events[3:5], 3, 5))
+        writer.finish({}, events=6)
+    result, _ = writers.load_result(tmp_path)
     assert result.labels.tolist() == [-1, -1, 1, 1, -1, -1]
-    assert best is not None
-    assert timings == {"graph": 0.25, "labels": 0.5}
-    nothing, best, _ = batch.collect(events[:0], [])
-    assert (len(nothing.labels), len(nothing.start), best) == (0, 0, None)
+    assert [window["start"] for window in result.models] == [2]
+    assert writer.timings == {"graph": 0.25, "labels": 0.5}
+
+
+def test_a_result_without_windows(tmp_path: Path) -> None:
+    with writers.ResultWriter(tmp_path) as writer:
+        writer.finish({}, events=0)
+    result, _ = writers.load_result(tmp_path)
+    assert (len(result.labels), len(result.start), len(result.tracks), result.models) == (0, 0, 0, [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from emseg import batch, video
+from emseg import video
 from emseg.events import EventArray
 from emseg.glyphs import text_mask
 from emseg.render import (
@@ -28,7 +29,7 @@ from emseg.render import (
     track_colour,
 )
 from emseg.video import VideoError, VideoWriter, film
-from emseg.writers import write_png
+from emseg.writers import ResultWriter, SequenceResult, load_result, write_png
 
 EVENTS = EventArray([1, 2, 3, 4], [0, 1, 2, 3], [0, 10, 20, 30], [0, 1, 0, 1], width=7, height=5)
 
@@ -38,10 +39,13 @@ def moving(n: int = 3000, width: int = 30, height: int = 20, duration: int = 50_
     return EventArray(k % width, k % height, k * duration // n, k % 2, width=width, height=height)
 
 
-def result_of(events: EventArray, window: int = 500) -> batch.SequenceResult:
-    starts = range(0, len(events), window)
-    windows = (FakeSegmentation(events[s : s + window], s, min(s + window, len(events))) for s in starts)
-    return batch.collect(events, windows)[0]
+def result_of(events: EventArray, window: int = 500) -> SequenceResult:
+    with tempfile.TemporaryDirectory() as folder, ResultWriter(Path(folder)) as writer:
+        for start in range(0, len(events), window):
+            part = events[start : start + window]
+            writer.add(FakeSegmentation(part, start, start + len(part)))
+        writer.finish({}, events=len(events))
+        return load_result(folder)[0]
 
 
 def test_labels_have_their_colours() -> None:
@@ -165,7 +169,7 @@ def test_png_refuses_other_arrays(tmp_path: Path) -> None:
 def test_film_is_slowed_down_to_four_seconds() -> None:
     events = moving(duration=400_000)
     shown = film(events, result_of(events))
-    assert (shown.count, shown.frames_per_s) == (120, 30)
+    assert (len(shown.frames), shown.frames_per_s) == (120, 30)
     assert shown.slowdown == pytest.approx(10, rel=1e-3)
     assert len({frame.shape for frame in shown.frames}) == 1
 
@@ -173,7 +177,7 @@ def test_film_is_slowed_down_to_four_seconds() -> None:
 def test_film_of_long_and_empty_recordings() -> None:
     long = moving(duration=10_000_000)
     shown = film(long, result_of(long))
-    assert (shown.count, shown.slowdown) == (300, pytest.approx(1))
+    assert (len(shown.frames), shown.slowdown) == (300, pytest.approx(1))
     empty = moving()[:0]
     assert len(list(film(empty, result_of(empty)).frames)) == 1
     with pytest.raises(ValueError, match="3000 events and 0 labels"):

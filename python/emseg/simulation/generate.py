@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 import emseg
-from emseg.batch import exit_on_signal
+from emseg.executors import exit_on_signal
 from emseg.simulation.files import write_npz
 from emseg.simulation.simulator import simulate
 from emseg.simulation.suite import DURATION, NAMES, split_of, suite_scene
