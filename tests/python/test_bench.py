@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +86,64 @@ def test_sequences_notice_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None
     other = two.relabelled(1 - two.labels, two.models, start=two.start)
     with pytest.raises(AssertionError, match="depend on the number of threads"):
         check_same(recording, [one, two], [one, other])
+
+
+def test_accuracy(tmp_path: Path) -> None:
+    """On a folder of its own, of recordings as `emseg simulate` writes them and one without truth."""
+    sim = tmp_path / "sim" / "test"
+    sim.mkdir(parents=True)
+    data = ROOT / "python" / "emseg" / "datasets" / "data"
+    shutil.copy(data / "made_scene.npz", sim / "made.npz")
+    arguments = ("--sim", str(sim.parent), "--reference", str(tmp_path), "--span", "0.1", "--jobs", "1")
+    pictures = ("--pictures", str(tmp_path / "pictures"), "--worst", "1")
+    printed, written = run_bench("accuracy", *arguments, *pictures, json_path=tmp_path / "accuracy.json")
+    assert "made" in printed
+    assert {"machine", "commit", "versions", "settings"} <= set(written)
+    (row,) = written["scenes"]
+    assert row["seconds"] == pytest.approx(0.1, abs=0.01)
+    assert row["windows"] == len(row["each"]) >= 1
+    assert row["events"] == sum(window["stop"] - window["start"] for window in row["each"])
+    assert row["moving_iou_oracle"] > 0.5
+    assert row["boxes"] > 0
+    assert 0 <= row["detection_rate"] <= 1
+    assert set(row["switches"]) == {"1", "2"}
+    assert written["mean"]["moving_iou_oracle"] == row["moving_iou_oracle"]
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["made_1.png"]
+    shutil.copy(data / "cars_davis346.npz", sim)
+    command = [sys.executable, "-m", "bench.accuracy", *arguments]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "made" in done.stdout
+    assert "cars_davis346.npz: holds no label, expected the truth per event" in done.stderr
+
+
+def test_accuracy_keeps_small_windows_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.recordings import Recording
+    from bench.scoring import scored, summary
+
+    import emseg
+    from emseg.render import BOX_DTYPE
+
+    # Two windows of 1000 events: 300 of an object, all found; 100, with a false object beside it.
+    t = np.arange(2000)
+    truth = np.zeros(2000, np.int64)
+    truth[:300] = truth[1000:1100] = 1
+    x = np.where(truth == 1, 10 + t % 5, 50 + t % 20)
+    events = emseg.EventArray(x, x, t, t % 2, width=80, height=80)
+    recording = Recording("made", events, truth)
+    labels = np.where(truth == 1, 4, 0)
+    labels[1100:1190] = 5
+    boxes = np.array([(4, 10, 10, 5, 5)], BOX_DTYPE)
+    found = [scored(recording, k, k + 1000, labels[k : k + 1000], boxes, k + 500) for k in (0, 1000)]
+    row = summary(recording, found, 2.0)
+    assert (row["windows"], row["small"]["windows"], row["skipped"]) == (2, 1, 0)
+    assert (row["moving_iou_deployed"], row["detection_rate"], row["boxes"]) == (1.0, 1.0, 1)
+    assert row["small"]["moving_iou_deployed"] == 100 / 190
+    assert row["small"]["falsely_moving"] == 90 / 900
+    assert (row["switches"], row["tracked"]) == ({1: 0}, 1.0)
+    assert row["mega_events_a_cpu_second"] == 1e-3
 
 
 def test_growth(tmp_path: Path) -> None:
