@@ -33,7 +33,17 @@ from emseg.render import label_picture, motion_picture, polarity_picture, side_b
 from emseg.video import VideoError, VideoWriter, film
 from emseg.writers import TRACK_DTYPE, SequenceResult, atomic_folder, load_result, save_result, write_png
 
-__all__ = ["Job", "Outcome", "collect", "find_inputs", "name_inputs", "render_video", "run_job", "run_jobs"]
+__all__ = [
+    "Job",
+    "Outcome",
+    "collect",
+    "find_inputs",
+    "name_inputs",
+    "render_video",
+    "run_job",
+    "run_jobs",
+    "source_commit",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -247,7 +257,7 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
             "config": asdict(job.config),
             "seed": job.config.seed,
             "version": emseg.__version__,
-            "commit": _commit(),
+            "commit": source_commit(),
             "windows": len(result.start),
             "timings_s": {
                 "read": round(read_s, 6),
@@ -353,7 +363,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _commit() -> str | None:
+def source_commit() -> str | None:
     """The commit of the source tree that this package is run from, if it is one; "+" marks changes."""
     folder = Path(__file__).parent
 

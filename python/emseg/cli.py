@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
+"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`, `evaluate`.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -16,6 +16,7 @@ import typer
 from tqdm import tqdm
 
 import emseg
+from emseg.cli_evaluate import evaluate
 from emseg.cli_recordings import convert, info
 from emseg.config import Config
 from emseg.yaml_files import ConfigError
@@ -156,6 +157,7 @@ class _Bar:
         self._bar = self._source = None
 
 
+app.command()(evaluate)
 app.command()(info)
 app.command()(convert)
 
