@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 import emseg
 from bench import recordings, windows
 from bench.recordings import Recording
-from emseg import reference as numpy_reference
 from emseg.metrics import Identities, detected_boxes, event_figures, object_boxes
 from emseg.presets import PRESETS
 from emseg.render import BOX_DTYPE, label_picture, side_by_side
@@ -85,8 +84,18 @@ def score_scene(task: Task) -> dict[str, Any]:
     recording = recordings.load_file(task.path, middle=task.span)
     if recording.truth is None:
         raise ValueError("holds no label, expected the truth per event")
+    found, spent = segment_scored(recording, emseg.Config(threads=1))
+    if task.pictures is not None:
+        draw_worst(recording, found, task.pictures, task.worst)
+    return {
+        **summary(recording, found, spent),
+        "peer": score_peer(recording, task.peer) if task.peer else None,
+    }
+
+
+def segment_scored(recording: Recording, config: emseg.Config) -> tuple[list[Window], float]:
+    """The windows of `Segmenter.run`, each beside its truth, and the CPU seconds of segmenting alone."""
     events = recording.events
-    config = emseg.Config(threads=1)
     list(emseg.Segmenter(events.width, events.height, config=config).run(events[:WARM_UP_EVENTS]))
     spent, found = 0.0, []
     clock = time.process_time()
@@ -94,13 +103,7 @@ def score_scene(task: Task) -> dict[str, Any]:
         spent += time.process_time() - clock
         found.append(scored(recording, seg.start, seg.stop, seg.labels, seg.boxes, seg.t_ref))
         clock = time.process_time()
-    spent += time.process_time() - clock
-    if task.pictures is not None:
-        draw_worst(recording, found, task.pictures, task.worst)
-    return {
-        **summary(recording, found, spent),
-        "peer": score_peer(recording, task.peer) if task.peer else None,
-    }
+    return found, spent + time.process_time() - clock
 
 
 def scored(
@@ -173,6 +176,8 @@ def score_peer(recording: Recording, count: int) -> dict[str, Any]:
     windows hold as many events as these say, 30,000 where they do not.  The label with most events is the
     background, as in the published figures; boxes are drawn about the other labels' events at t_ref.
     """
+    from emseg import reference as numpy_reference  # numba takes longer to import than some scenes to segment
+
     known = {name.partition("/")[2]: preset for name, preset in PRESETS.items()}
     preset = known.get(recording.name, PRESETS["published"])
     size = min(preset["num_events_per_image"] or 30_000, len(recording.events))
@@ -211,7 +216,7 @@ def draw_worst(recording: Recording, found: Sequence[Window], folder: Path, coun
     for rank, window in enumerate(worst, 1):
         events = recording.events[window.start : window.stop]
         truth = recording.truth[window.start : window.stop]
-        first, last = (1e-3 * (int(t) - int(recording.events.t[0])) for t in (events.t[0], events.t[-1]))
+        first, last = (1e-3 * int(t) for t in (events.t[0], events.t[-1]))
         captions = (
             f"truth, {recording.name}, {first:.0f} to {last:.0f} ms",
             f"moving IoU {window.figures['moving_iou_deployed']:.2f}, "

@@ -146,6 +146,69 @@ def test_accuracy_keeps_small_windows_apart(monkeypatch: pytest.MonkeyPatch) -> 
     assert row["mega_events_a_cpu_second"] == 1e-3
 
 
+def run_experiments(*arguments: str, out: Path) -> dict[str, Any]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-m", "bench.experiments", *arguments, "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    written: dict[str, Any] = json.loads((out / "experiments.json").read_text(encoding="utf-8"))
+    return written
+
+
+def test_experiments(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="curves need the extra 'viz'")
+    suite = ("--suite", str(tmp_path / "suite"), "--seeds", "11000:11001", "--duration", "0.04")
+    written = run_experiments(*suite, "--scenes", "evimo", "--parameters", "lambda_data", out=tmp_path)
+    assert {"machine", "commit", "versions", "settings", "seeds", "duration"} <= set(written)
+    runs = written["runs"]
+    assert [run["what"] for run in runs] == ["thesis", "published", "auto", *["lambda_data"] * 5]
+    assert all(run["cpu_s"] > 0 and run["peak_mb"] >= 0 for run in runs)
+    # The sweep passes through the thesis' own settings.
+    swept = next(run for run in runs[3:] if run["value"] == 1)
+    for name in ("moving_iou_deployed", "object_iou", "labels", "windows"):
+        assert swept[name] == runs[0][name]
+    page = (tmp_path / "experiments.md").read_text(encoding="utf-8")
+    assert "seeds 11000:11001" in page
+    assert "![lambda_data](experiments_lambda_data.svg)" in page
+    assert (tmp_path / "experiments_lambda_data.svg").exists()
+
+
+def test_experiments_vary_one_parameter_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.experiments import EXPERIMENTS, PARAMETERS, Run, hands_runs, parameter_runs
+
+    import emseg
+
+    recordings = [Run("", name, Path("x.npz"), "", emseg.Config(), 0, 0.1) for name in EXPERIMENTS]
+    runs = parameter_runs(recordings, list(PARAMETERS))
+    assert len(runs) == len(EXPERIMENTS) * sum(map(len, PARAMETERS.values()))
+    for run in runs:
+        thesis = vars(emseg.Config.preset(EXPERIMENTS[run.experiment].thesis))
+        changed = {name: value for name, value in vars(run.config).items() if thesis[name] != value}
+        changed.pop("threads", None)
+        names = ("bracket_row", "bracket_col") if run.what == "bracket" else (run.what,)
+        assert changed == {} or changed == dict.fromkeys(names, run.value)
+    swept = hands_runs(recordings)
+    assert {(run.config.lambda_smooth, run.config.lambda_label) for run in swept} == {
+        (smooth, label) for smooth in (20, 30) for label in range(0, 9_000, 1_000)
+    }
+    assert len(swept) == 18
+
+
+def test_experiments_take_public_recordings(tmp_path: Path) -> None:
+    import emseg
+    from emseg.simulation.evimo import write_evimo
+    from emseg.simulation.suite import suite_scene
+
+    made = emseg.simulate(suite_scene("collision_table", 1, duration=0.06))
+    write_evimo(tmp_path / "EV-IMO" / "table.npz", made)
+    data = ("--data", f"evimo={tmp_path / 'EV-IMO'}")
+    runs = run_experiments("--scenes", "evimo", "--only", "settings", *data, out=tmp_path)["runs"]
+    assert [run["what"] for run in runs] == ["thesis", "published", "auto"]
+    assert {run["recording"] for run in runs} == {"table"}
+    assert all(run["moving_iou_oracle"] > 0.3 for run in runs)
+
+
 def test_growth(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots need the extra 'viz'")
     arguments = ("--events", "2000", "6000", "--size", "200x150", "--pools", "4", "8", "--repeats", "1")
