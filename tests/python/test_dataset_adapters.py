@@ -166,7 +166,7 @@ def test_mvsec(tmp_path: Path) -> None:
         y_flow_dist=flow[:, 1],
     )
     dataset = open_dataset("mvsec", tmp_path)
-    assert dataset.names == ("indoor_flying1_data", "outdoor_day2_data")
+    assert dataset.names == ("indoor_flying1", "outdoor_day2")
     indoors, outdoors = dataset[0], dataset[1]
     assert indoors.name == "indoor_flying1"
     assert indoors.events == outdoors.events == data

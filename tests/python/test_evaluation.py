@@ -134,6 +134,13 @@ def test_unknown_pixels_of_masks_do_not_count() -> None:
     assert scored["mask 40 Hz", "pixel accuracy"] == (1,) * 6
 
 
+def test_masks_of_another_size_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"made: mask \d+ has shape \(39, 60\), expected the sensor's \(40, 60\)"
+    ):
+        score_recording(recording(masks=masks(mask()[1:])), found(owners()))
+
+
 def test_still_scenes() -> None:
     scored = figures(recording(labels=owners() * 0, scene="still"), found(owners()))
     assert scored["still", "events in moving labels"] == (0.5, 0.5)

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from emseg.camera import Camera
-from emseg.datasets.folders import FolderDataset, Place, named
+from emseg.datasets.folders import FolderDataset, named
 from emseg.datasets.pictures import read_png
 from emseg.datasets.truth import UNKNOWN, DatasetError, ImageTrack, LabelledRecording, Span, Truth
 from emseg.io import read
@@ -45,9 +45,8 @@ def dsec(root: Path) -> FolderDataset:
     def load(path: Path, name: str, span: Span | None) -> LabelledRecording:
         return _load(root, path, name, span)
 
-    found = named("dsec", root, sequences, f"<sequence>/{EVENTS}", load)
-    places = [Place(place.path.name, place.path) for place in found.places]
-    return FolderDataset("dsec", places, load)
+    expected = f"<sequence>/{EVENTS}"
+    return named("dsec", root, sequences, expected, load, naming=lambda path: path.name)
 
 
 def _load(root: Path, path: Path, name: str, span: Span | None) -> LabelledRecording:

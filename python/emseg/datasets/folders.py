@@ -46,15 +46,31 @@ class FolderDataset:
         return self.reader(place.path, place.name, span)
 
 
-def named(dataset: str, root: Path, paths: Iterable[Path], expected: str, reader: Load) -> FolderDataset:
-    """The data set of the recordings at `paths`, named by their place below the root.
+def named(
+    dataset: str,
+    root: Path,
+    paths: Iterable[Path],
+    expected: str,
+    reader: Load,
+    *,
+    naming: Callable[[Path], str] | None = None,
+) -> FolderDataset:
+    """The data set of the recordings at `paths`, in their order, named by their place below the root.
+
+    Args:
+        dataset: The data set's name.
+        root: The folder that it is in.
+        paths: Files or folders of the recordings.
+        expected: What there should be, for the error.
+        reader: Loads a recording.
+        naming: Names a recording otherwise.
 
     Raises:
-        DatasetError: there are none; the message says what was expected.
+        DatasetError: there are no recordings; the message says what was expected.
     """
     if not root.is_dir():
         raise DatasetError(f"{root}: no such folder, expected the data set {dataset}")
-    places = [Place(_name(root, path), path) for path in sorted(set(paths))]
+    places = [Place(naming(path) if naming else _name(root, path), path) for path in sorted(set(paths))]
     if not places:
         raise DatasetError(f"{root}: holds no recording of {dataset}, expected {expected}")
     return FolderDataset(dataset, places, reader)

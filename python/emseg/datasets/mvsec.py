@@ -32,11 +32,16 @@ SUFFIX: Final = "_data.hdf5"
 
 def mvsec(root: Path) -> FolderDataset:
     """MVSEC below a folder."""
-    return named("mvsec", root, root.rglob(f"*{SUFFIX}"), f"<name>{SUFFIX}", _load)
+    files = root.rglob(f"*{SUFFIX}")
+    return named("mvsec", root, files, f"<name>{SUFFIX}", _load, naming=_sequence)
+
+
+def _sequence(path: Path) -> str:
+    return path.name.removesuffix(SUFFIX)
 
 
 def _load(path: Path, name: str, span: Span | None) -> LabelledRecording:
-    sequence = path.name.removesuffix(SUFFIX)
+    sequence = _sequence(path)
     events = read(path, span=span, stream=STREAM, width=WIDTH, height=HEIGHT)
     archive = path.with_name(f"{sequence}_gt_flow_dist.npz")
     hdf5 = path.with_name(f"{sequence}_gt.hdf5")
@@ -48,7 +53,7 @@ def _load(path: Path, name: str, span: Span | None) -> LabelledRecording:
     indoors = sequence.startswith("indoor")
     truth = Truth(flow=flow, depth=depth, scene="still" if indoors else "unknown")
     group = "indoor_flying" if indoors else sequence.split("_day")[0].split("_night")[0]
-    return LabelledRecording(name.removesuffix("_data"), events, group, None, truth)
+    return LabelledRecording(name, events, group, None, truth)
 
 
 def _hdf5_flow(path: Path) -> FlowTrack | None:

@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Final, Literal
@@ -21,6 +22,9 @@ from emseg.datasets.truth import LabelledRecording, Span, Truth
 from emseg.io import read
 
 __all__ = ["distsurf", "dvsmotion20", "ecd", "hkust_ems"]
+
+Cameras = Mapping[str, Mapping[str, object]]
+"""Intrinsics by sequence."""
 
 DAVIS346: Final = (346, 260)
 DAVIS240: Final = (240, 180)
@@ -63,19 +67,18 @@ def dvsmotion20(root: Path) -> FolderDataset:
     """DVSMOTION20 below a folder."""
     files = [path for suffix in ("*.mat", "*.aedat", "*.aedat4") for path in root.rglob(suffix)]
     expected = "sequences as .mat, .aedat or .aedat4"
-    return named("dvsmotion20", root, files, expected, partial(_load, camera={}))
+    return named("dvsmotion20", root, files, expected, partial(_load, cameras={}))
 
 
 def distsurf(root: Path) -> FolderDataset:
     """DistSurf's sequences below a folder, as EMSGC gives them out."""
     cameras = dict.fromkeys(("car", "hand"), DISTSURF_CAMERA)
-    return named("distsurf", root, _texts(root), "car/events.txt", partial(_load, camera=cameras))
+    return _of_emsgc("distsurf", root, "car/events.txt", cameras)
 
 
 def hkust_ems(root: Path) -> FolderDataset:
     """HKUST-EMS below a folder."""
-    expected = "cast/events_filtered.txt"
-    return named("hkust-ems", root, _texts(root), expected, partial(_load, camera=HKUST_CAMERAS))
+    return _of_emsgc("hkust-ems", root, "cast/events_filtered.txt", HKUST_CAMERAS)
 
 
 def ecd(root: Path) -> FolderDataset:
@@ -85,24 +88,22 @@ def ecd(root: Path) -> FolderDataset:
     return named("ecd", root, [*texts, *bags], "folders with events.txt, or .bag", _load_ecd)
 
 
-def _texts(root: Path) -> list[Path]:
-    return [path for name in TEXTS for path in root.rglob(name)]
+def _of_emsgc(dataset: str, root: Path, expected: str, cameras: Cameras) -> FolderDataset:
+    folders = {path.parent for name in TEXTS for path in root.rglob(name)}
+    load = partial(_load, cameras=cameras)
+    return named(dataset, root, folders, expected, load, naming=lambda path: path.name)
 
 
-def _load(
-    path: Path, name: str, span: Span | None, *, camera: dict[str, dict[str, object]]
-) -> LabelledRecording:
+def _load(path: Path, name: str, span: Span | None, *, cameras: Cameras) -> LabelledRecording:
     width, height = DAVIS346
-    text = path.name in TEXTS
-    events = (
-        read(path, span=span, columns="txyp", time_unit="s", width=width, height=height)
-        if text
-        else read(path, span=span, width=width, height=height)
-    )
-    sequence = path.parent.name if text else name
-    known = camera.get(sequence)
-    lens = Camera(width, height, **known) if known else None  # type: ignore[arg-type]
-    return LabelledRecording(sequence if text else name, events, "", lens, Truth(scene="moving"))
+    if path.is_dir():
+        text = next(path / file for file in TEXTS if (path / file).is_file())
+        events = read(text, span=span, columns="txyp", time_unit="s", width=width, height=height)
+    else:
+        events = read(path, span=span, width=width, height=height)
+    known = cameras.get(name)
+    camera = Camera(width, height, **known) if known else None  # type: ignore[arg-type]
+    return LabelledRecording(name, events, "", camera, Truth(scene="moving"))
 
 
 def _load_ecd(path: Path, name: str, span: Span | None) -> LabelledRecording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -113,16 +113,6 @@ class LabelledRecording:
     group: str = ""
     camera: Camera | None = None
     truth: Truth = field(default_factory=Truth)
-
-    def first_seconds(self, seconds: float) -> LabelledRecording:
-        """The first seconds of it, whose truth is cut to the same time."""
-        if not len(self.events):
-            return self
-        stop_us = int(self.events.t[0]) + round(1e6 * seconds)
-        stop = int(np.searchsorted(self.events.t, stop_us))
-        labels = self.truth.labels
-        kept = replace(self.truth, labels=None if labels is None else labels[:stop])
-        return replace(self, events=self.events[:stop], truth=kept)
 
 
 @runtime_checkable

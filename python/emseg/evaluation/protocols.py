@@ -88,8 +88,17 @@ def event_truth(recording: LabelledRecording) -> Labels | None:
     stops = np.minimum(masks.t + NEAREST_MASK_US, np.concatenate([middles, masks.t[-1:] + NEAREST_MASK_US]))
     for k, (first, last) in enumerate(np.searchsorted(events.t, np.stack([starts, stops], 1)).tolist()):
         if first < last:
-            labels[first:last] = masks[k][events.y[first:last], events.x[first:last]]
+            labels[first:last] = _mask(recording, k)[events.y[first:last], events.x[first:last]]
     return labels
+
+
+def _mask(recording: LabelledRecording, k: int) -> npt.NDArray[Any]:
+    """The k-th mask, which must be as large as the sensor."""
+    assert recording.truth.masks is not None
+    mask, size = recording.truth.masks[k], (recording.events.height, recording.events.width)
+    if mask.shape != size:
+        raise ValueError(f"{recording.name}: mask {k} has shape {mask.shape}, expected the sensor's {size}")
+    return mask
 
 
 # --- labels per event --------------------------------------------------------------------------------------
@@ -198,7 +207,7 @@ def _frames(recording: LabelledRecording) -> Iterator[tuple[npt.NDArray[Any], sl
             continue
         last = t
         first, stop = np.searchsorted(events.t, [t - FRAME_US // 2, t + FRAME_US // 2]).tolist()
-        yield masks[k], slice(first, stop)
+        yield _mask(recording, k), slice(first, stop)
 
 
 def _score_masks(recording: LabelledRecording, found: SegmentedRecording) -> list[Figure]:
@@ -234,7 +243,13 @@ def _score_points(recording: LabelledRecording, found: SegmentedRecording) -> li
             continue
         part = events[first:stop]
         values.append(
-            point_iou(masks[start] > 0, masks[end] > 0, part.x, part.y, found.labels[first:stop] > 0)
+            point_iou(
+                _mask(recording, start) > 0,
+                _mask(recording, end) > 0,
+                part.x,
+                part.y,
+                found.labels[first:stop] > 0,
+            )
         )
     return [Figure("points", "point IoU", tuple(values))]
 
