@@ -36,11 +36,30 @@ def names() -> list[str]:
 
 def load(name: str, seconds: float | None = None) -> Recording:
     """A recording by name, or its first seconds."""
-    with np.load(bundled().get(name) or SIM_DIR / f"{name}.npz") as archive:
+    recording = load_file(bundled().get(name) or SIM_DIR / f"{name}.npz", name=name)
+    return recording if seconds is None else _part(recording, 0.0, seconds)
+
+
+def load_file(path: Path, *, name: str = "", middle: float | None = None) -> Recording:
+    """A recording of a file of arrays, as the simulated ones are, or the seconds in its middle."""
+    with np.load(path) as archive:
         keys = [*"xytp", "width", "height", *(["label"] if "label" in archive else [])]
+        missing = sorted(set(keys) - set(archive))
+        if missing:
+            raise ValueError(f"{path} has no {', '.join(missing)}, expected a recording with its size")
         arrays: dict[str, Any] = {key: archive[key] for key in keys}
-    t = arrays["t"]
-    stop = len(t) if seconds is None else int(np.searchsorted(t, t[0] + round(1e6 * seconds)))
-    columns = (arrays[column][:stop] for column in "xytp")
-    events = EventArray(*columns, width=int(arrays["width"]), height=int(arrays["height"]))
-    return Recording(name, events, arrays["label"][:stop].astype(np.int64) if "label" in arrays else None)
+    events = EventArray(
+        *(arrays[column] for column in "xytp"), width=int(arrays["width"]), height=int(arrays["height"])
+    )
+    truth = arrays["label"].astype(np.int64) if "label" in arrays else None
+    recording = Recording(name or path.stem, events, truth)
+    if middle is None:
+        return recording
+    return _part(recording, max(0.0, 0.5e-6 * events.duration - 0.5 * middle), middle)
+
+
+def _part(recording: Recording, begin: float, seconds: float) -> Recording:
+    events, truth = recording.events, recording.truth
+    span = events.t[0] + np.rint(1e6 * np.array([begin, begin + seconds])).astype(np.int64)
+    start, stop = np.searchsorted(events.t, span).tolist()
+    return Recording(recording.name, events[start:stop], None if truth is None else truth[start:stop])

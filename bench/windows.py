@@ -78,7 +78,7 @@ def load(name: str) -> BenchWindow:
         key.removeprefix("labels_"): Published(
             arrays[key].astype(np.int64),
             arrays[key.replace("labels_", "pool_")],
-            _figures()[f"syn_{name}", key.removeprefix("labels_")],
+            _figures(path.parent).get((path.stem, key.removeprefix("labels_")), {}),
         )
         for key in arrays
         if key.startswith("labels_")
@@ -87,6 +87,7 @@ def load(name: str) -> BenchWindow:
 
 
 @cache
-def _figures() -> dict[tuple[str, str], dict[str, Any]]:
-    rows = json.loads((REFERENCE_DIR / "figures.json").read_text(encoding="utf-8"))
+def _figures(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
+    path = folder / "figures.json"
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     return {(row["window"], row["variant"]): row for row in rows}

@@ -28,7 +28,7 @@ from emseg.render import label_picture, motion_picture, polarity_picture, side_b
 from emseg.video import VideoError, VideoWriter, film
 from emseg.writers import ResultWriter, SequenceResult, atomic_folder, load_result, write_png
 
-__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "read_result", "render_video", "run_job"]
+__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "read_result", "render_video", "run_job", "source_commit"]
 
 _log = logging.getLogger(__name__)
 
@@ -176,7 +176,7 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
                 "config": asdict(job.config),
                 "seed": job.config.seed,
                 "version": emseg.__version__,
-                "commit": _commit(),
+                "commit": source_commit(),
                 "windows": writer.windows,
                 "timings_s": {
                     "read": round(events.seconds, 6),
@@ -346,7 +346,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _commit() -> str | None:
+def sourcesource_commit() -> str | None:
     """The commit of the source tree that this package is run from, if it is one; "+" marks changes."""
     folder = Path(__file__).parent
 

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; others join in here.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`, `evaluate`; others join in here.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 import emseg
 from emseg import cli_recordings as recordings
+from emseg.cli_evaluate import evaluate
 from emseg.cli_live import live, record
 from emseg.cli_options import CameraFile, ConfigFile, Preset, read_config
 from emseg.config import Config
@@ -187,6 +188,7 @@ app.command()(recordings.info)
 app.command()(recordings.convert)
 app.command()(live)
 app.command()(record)
+app.command()(evaluate)
 
 
 @app.command()

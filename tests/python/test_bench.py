@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +86,127 @@ def test_sequences_notice_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None
     other = two.relabelled(1 - two.labels, two.models, start=two.start)
     with pytest.raises(AssertionError, match="depend on the number of threads"):
         check_same(recording, [one, two], [one, other])
+
+
+def test_accuracy(tmp_path: Path) -> None:
+    """On a folder of its own, of recordings as `emseg simulate` writes them and one without truth."""
+    sim = tmp_path / "sim" / "test"
+    sim.mkdir(parents=True)
+    data = ROOT / "python" / "emseg" / "datasets" / "data"
+    shutil.copy(data / "made_scene.npz", sim / "made.npz")
+    arguments = ("--sim", str(sim.parent), "--reference", str(tmp_path), "--span", "0.1", "--jobs", "1")
+    pictures = ("--pictures", str(tmp_path / "pictures"), "--worst", "1")
+    printed, written = run_bench("accuracy", *arguments, *pictures, json_path=tmp_path / "accuracy.json")
+    assert "made" in printed
+    assert {"machine", "commit", "versions", "settings"} <= set(written)
+    (row,) = written["scenes"]
+    assert row["seconds"] == pytest.approx(0.1, abs=0.01)
+    assert row["windows"] == len(row["each"]) >= 1
+    assert row["events"] == sum(window["stop"] - window["start"] for window in row["each"])
+    assert row["moving_iou_oracle"] > 0.5
+    assert row["boxes"] > 0
+    assert 0 <= row["detection_rate"] <= 1
+    assert set(row["switches"]) == {"1", "2"}
+    assert written["mean"]["moving_iou_oracle"] == row["moving_iou_oracle"]
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["made_1.png"]
+    shutil.copy(data / "cars_davis346.npz", sim)
+    command = [sys.executable, "-m", "bench.accuracy", *arguments]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "made" in done.stdout
+    assert "cars_davis346.npz: holds no label, expected the truth per event" in done.stderr
+
+
+def test_accuracy_keeps_small_windows_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.recordings import Recording
+    from bench.scoring import scored, summary
+
+    import emseg
+    from emseg.render import BOX_DTYPE
+
+    # Two windows of 1000 events: 300 of an object, all found; 100, with a false object beside it.
+    t = np.arange(2000)
+    truth = np.zeros(2000, np.int64)
+    truth[:300] = truth[1000:1100] = 1
+    x = np.where(truth == 1, 10 + t % 5, 50 + t % 20)
+    events = emseg.EventArray(x, x, t, t % 2, width=80, height=80)
+    recording = Recording("made", events, truth)
+    labels = np.where(truth == 1, 4, 0)
+    labels[1100:1190] = 5
+    boxes = np.array([(4, 10, 10, 5, 5)], BOX_DTYPE)
+    found = [scored(recording, k, k + 1000, labels[k : k + 1000], boxes, k + 500) for k in (0, 1000)]
+    row = summary(recording, found, 2.0)
+    assert (row["windows"], row["small"]["windows"], row["skipped"]) == (2, 1, 0)
+    assert (row["moving_iou_deployed"], row["detection_rate"], row["boxes"]) == (1.0, 1.0, 1)
+    assert row["small"]["moving_iou_deployed"] == 100 / 190
+    assert row["small"]["falsely_moving"] == 90 / 900
+    assert (row["switches"], row["tracked"]) == ({1: 0}, 1.0)
+    assert row["mega_events_a_cpu_second"] == 1e-3
+
+
+def run_experiments(*arguments: str, out: Path) -> dict[str, Any]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-m", "bench.experiments", *arguments, "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    written: dict[str, Any] = json.loads((out / "experiments.json").read_text(encoding="utf-8"))
+    return written
+
+
+def test_experiments(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="curves need the extra 'viz'")
+    suite = ("--suite", str(tmp_path / "suite"), "--seeds", "11000:11001", "--duration", "0.04")
+    written = run_experiments(*suite, "--scenes", "evimo", "--parameters", "lambda_data", out=tmp_path)
+    assert {"machine", "commit", "versions", "settings", "seeds", "duration"} <= set(written)
+    runs = written["runs"]
+    assert [run["what"] for run in runs] == ["thesis", "published", "auto", *["lambda_data"] * 5]
+    assert all(run["cpu_s"] > 0 and run["peak_mb"] >= 0 for run in runs)
+    # The sweep passes through the thesis' own settings.
+    swept = next(run for run in runs[3:] if run["value"] == 1)
+    for name in ("moving_iou_deployed", "object_iou", "labels", "windows"):
+        assert swept[name] == runs[0][name]
+    page = (tmp_path / "experiments.md").read_text(encoding="utf-8")
+    assert "seeds 11000:11001" in page
+    assert "![lambda_data](experiments_lambda_data.svg)" in page
+    assert (tmp_path / "experiments_lambda_data.svg").exists()
+
+
+def test_experiments_vary_one_parameter_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.experiments import EXPERIMENTS, PARAMETERS, Run, hands_runs, parameter_runs
+
+    import emseg
+
+    recordings = [Run("", name, Path("x.npz"), "", emseg.Config(), 0, 0.1) for name in EXPERIMENTS]
+    runs = parameter_runs(recordings, list(PARAMETERS))
+    assert len(runs) == len(EXPERIMENTS) * sum(map(len, PARAMETERS.values()))
+    for run in runs:
+        thesis = vars(emseg.Config.preset(EXPERIMENTS[run.experiment].thesis))
+        changed = {name: value for name, value in vars(run.config).items() if thesis[name] != value}
+        changed.pop("threads", None)
+        names = ("bracket_row", "bracket_col") if run.what == "bracket" else (run.what,)
+        assert changed == {} or changed == dict.fromkeys(names, run.value)
+    swept = hands_runs(recordings)
+    assert {(run.config.lambda_smooth, run.config.lambda_label) for run in swept} == {
+        (smooth, label) for smooth in (20, 30) for label in range(0, 9_000, 1_000)
+    }
+    assert len(swept) == 18
+
+
+def test_experiments_take_public_recordings(tmp_path: Path) -> None:
+    import emseg
+    from emseg.simulation.evimo import write_evimo
+    from emseg.simulation.suite import suite_scene
+
+    made = emseg.simulate(suite_scene("collision_table", 1, duration=0.06))
+    write_evimo(tmp_path / "EV-IMO" / "table.npz", made)
+    data = ("--data", f"evimo={tmp_path / 'EV-IMO'}")
+    runs = run_experiments("--scenes", "evimo", "--only", "settings", *data, out=tmp_path)["runs"]
+    assert [run["what"] for run in runs] == ["thesis", "published", "auto"]
+    assert {run["recording"] for run in runs} == {"table"}
+    assert all(run["moving_iou_oracle"] > 0.3 for run in runs)
 
 
 def test_growth(tmp_path: Path) -> None:

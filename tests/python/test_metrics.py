@@ -6,10 +6,10 @@ from reference_windows import patient, recorded
 
 from emseg.metrics import (
     clusters_per_motion,
-    detected_boxes,
     evaluate,
     event_moving_iou,
     event_object_iou,
+    matched_labels,
     one_to_one_accuracy,
 )
 
@@ -42,6 +42,7 @@ def test_a_perfect_prediction():
         "clusters_per_motion": 1.0,
         "one_to_one_accuracy": 1.0,
         "events": 240.0,
+        "object_events": 140.0,
         "objects": 2.0,
         "labels": 3.0,
     }
@@ -85,6 +86,12 @@ def test_object_iou_by_hand():
     truth, prediction = spread(t0_p0=180, t0_p1=20, t1_p1=80, t1_p0=20, t2_p2=50, t2_p0=10, t3_p3=49)
     assert event_object_iou(truth, prediction) == pytest.approx((80 / 120 + 50 / 60) / 2)
     assert event_object_iou(truth, prediction, min_events=1) == pytest.approx((80 / 120 + 50 / 60 + 1) / 3)
+
+
+def test_matched_labels_by_hand():
+    truth, prediction = spread(t0_p0=180, t0_p1=20, t1_p1=80, t1_p0=20, t2_pn=60, t3_p3=49)
+    assert matched_labels(truth, prediction) == {1: (1, 80 / 120, 80), 2: (-1, 0.0, 0)}
+    assert matched_labels(truth[:10], prediction[:10]) == {}
 
 
 def test_one_label_cannot_serve_two_objects():
@@ -149,35 +156,6 @@ def test_scores_are_shares_and_the_truth_is_best(pairs):
         assert accuracy >= max(
             np.mean((truth == label)[truth >= 0] & (prediction == label)[truth >= 0]) for label in range(4)
         )
-
-
-@pytest.mark.parametrize(
-    ("detection", "found"),
-    [
-        ([10, 10, 20, 10], True),
-        ([10, 10, 10, 10], False),  # covers exactly half of the box
-        ([10, 10, 11, 10], True),
-        ([10, 10, 20, 20], False),  # as much outside as inside
-        ([10, 10, 20, 19], True),
-        ([30, 10, 20, 10], False),  # side by side
-    ],
-)
-def test_eed_criterion(detection, found):
-    assert detected_boxes([[10, 10, 20, 10]], [detection]).tolist() == [found]
-
-
-def test_boxes_of_a_frame():
-    truth = [[0, 0, 10, 10], [50, 50, 10, 10], [80, 0, 4, 4]]
-    detections = [[49, 49, 11, 11], [81, 0, 4, 4]]
-    assert detected_boxes(truth, detections).tolist() == [False, True, True]
-    assert detected_boxes(truth, []).tolist() == [False] * 3
-    assert detected_boxes([], detections).tolist() == []
-
-
-@pytest.mark.parametrize("boxes", [[[0, 0, -1, 2]], [[0, np.nan, 1, 1]]])
-def test_impossible_boxes_are_refused(boxes):
-    with pytest.raises(ValueError, match="expected finite rows"):
-        detected_boxes(boxes, [])
 
 
 def test_labels_that_do_not_fit_are_refused():

@@ -1,6 +1,31 @@
-"""Recordings: those that come with the package."""
+"""Recordings: those that come with the package, and the public data sets through one Protocol."""
 
 from pathlib import Path
+
+from emseg.datasets.registry import DatasetEntry, known_datasets, open_dataset
+from emseg.datasets.truth import (
+    BoxTrack,
+    Dataset,
+    DatasetError,
+    FlowTrack,
+    ImageTrack,
+    LabelledRecording,
+    Truth,
+)
+
+__all__ = [
+    "BoxTrack",
+    "Dataset",
+    "DatasetEntry",
+    "DatasetError",
+    "FlowTrack",
+    "ImageTrack",
+    "LabelledRecording",
+    "Truth",
+    "bundled",
+    "known_datasets",
+    "open_dataset",
+]
 
 
 def bundled() -> dict[str, Path]:

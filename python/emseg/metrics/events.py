@@ -1,30 +1,41 @@
-"""How a segmentation is scored against the truth: one function per figure, independent of the native engine.
+"""Figures per event: labels against true motions.
 
 Labels are integers per event.  Truth: -1 sensor noise, 0 background, 1 and up true objects.  Prediction: -1
 noise, 0 the engine's own background, 1 and up labelled moving.  Every figure is taken over the events that
-are not noise in the truth; an event that the prediction calls noise belongs to no label there.  A figure that
-is not defined, for lack of anything to score, is NaN: leave it out of an average and say how many were left
-out.
+are not noise in the truth; an event that the prediction calls noise belongs to no label there.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = [
+    "MIN_EVENTS",
+    "clusters_per_motion",
+    "event_figures",
+    "event_moving_iou",
+    "event_object_iou",
+    "large_labels",
+    "matched_labels",
+    "one_to_one_accuracy",
+    "without_noise",
+]
+
 Labels = NDArray[np.int64]
 
-MIN_EVENTS = 50  # of a true motion or a label that counts
+MIN_EVENTS: Final = 50
+"""Events of a true motion or a label that counts."""
 
 
-def evaluate(truth: ArrayLike, prediction: ArrayLike) -> dict[str, float]:
+def event_figures(truth: ArrayLike, prediction: ArrayLike) -> dict[str, float]:
     """All per-event figures of one window, by name, with the counts they rest on.
 
     truth, prediction: integers (n,).  Raises ValueError where they differ in length or are not integers.
     """
-    truth, prediction = _without_noise(truth, prediction)
+    truth, prediction = without_noise(truth, prediction)
     return {
         "moving_iou_oracle": event_moving_iou(truth, prediction, background="oracle"),
         "moving_iou_deployed": event_moving_iou(truth, prediction, background="deployed"),
@@ -32,8 +43,9 @@ def evaluate(truth: ArrayLike, prediction: ArrayLike) -> dict[str, float]:
         "clusters_per_motion": clusters_per_motion(truth, prediction),
         "one_to_one_accuracy": one_to_one_accuracy(truth, prediction),
         "events": float(len(truth)),
-        "objects": float(np.count_nonzero(_large(truth) > 0)),
-        "labels": float(len(_large(prediction))),
+        "object_events": float(np.count_nonzero(truth > 0)),
+        "objects": float(np.count_nonzero(large_labels(truth) > 0)),
+        "labels": float(len(large_labels(prediction))),
     }
 
 
@@ -45,7 +57,7 @@ def event_moving_iou(
     background="deployed": label 0 is the background.  "oracle": each label is the background if at least half
     of its events truly are.  NaN where no event moves, neither in truth nor by label.
     """
-    truth, prediction = _without_noise(truth, prediction)
+    truth, prediction = without_noise(truth, prediction)
     moving = truth > 0
     if background == "deployed":
         labelled_moving = prediction > 0
@@ -67,16 +79,32 @@ def event_object_iou(truth: ArrayLike, prediction: ArrayLike, *, min_events: int
     matching, so that an object cannot have the label that is the background's.  An object left without a
     label scores 0.  NaN without objects.
     """
-    truth, prediction = _without_noise(truth, prediction)
-    objects = [int(motion) for motion in _large(truth, min_events) if motion > 0]
-    if not objects:
-        return float("nan")
+    matched = matched_labels(truth, prediction, min_events=min_events)
+    return float(np.mean([iou for _, iou, _ in matched.values()])) if matched else float("nan")
+
+
+def matched_labels(
+    truth: ArrayLike, prediction: ArrayLike, *, min_events: int = MIN_EVENTS
+) -> dict[int, tuple[int, float, int]]:
+    """The label of each true object of at least min_events events, their IoU and the events they share.
+
+    Matched one to one as :func:`event_object_iou` says.  An object without a label has label -1, IoU 0 and no
+    events.
+    """
+    truth, prediction = without_noise(truth, prediction)
+    objects = [int(motion) for motion in large_labels(truth, min_events) if motion > 0]
     motions = [*([0] if (truth == 0).any() else []), *objects]
+    if not objects:
+        return {}
+    labels = np.unique(prediction[prediction >= 0])
     shared, motion_sizes, label_sizes = _overlaps(truth, prediction, motions)
     iou = shared / (motion_sizes[:, None] + label_sizes - shared)
-    rows, columns = _one_to_one(iou)
-    matched = dict(zip(rows.tolist(), iou[rows, columns].tolist(), strict=True))
-    return float(np.mean([matched.get(motions.index(motion), 0.0) for motion in objects]))
+    found = {
+        motions[row]: (int(labels[column]), float(iou[row, column]), int(shared[row, column]))
+        for row, column in zip(*(index.tolist() for index in _one_to_one(iou)), strict=True)
+        if shared[row, column]
+    }
+    return {motion: found.get(motion, (-1, 0.0, 0)) for motion in objects}
 
 
 def clusters_per_motion(truth: ArrayLike, prediction: ArrayLike, *, min_events: int = MIN_EVENTS) -> float:
@@ -85,9 +113,9 @@ def clusters_per_motion(truth: ArrayLike, prediction: ArrayLike, *, min_events: 
 
     NaN without such a motion.
     """
-    truth, prediction = _without_noise(truth, prediction)
-    motions = len(_large(truth, min_events))
-    return len(_large(prediction, min_events)) / motions if motions else float("nan")
+    truth, prediction = without_noise(truth, prediction)
+    motions = len(large_labels(truth, min_events))
+    return len(large_labels(prediction, min_events)) / motions if motions else float("nan")
 
 
 def one_to_one_accuracy(truth: ArrayLike, prediction: ArrayLike) -> float:
@@ -96,7 +124,7 @@ def one_to_one_accuracy(truth: ArrayLike, prediction: ArrayLike) -> float:
     Labels are matched one to one so that the share is largest: what is split off a motion counts as wrong.
     NaN without events.
     """
-    truth, prediction = _without_noise(truth, prediction)
+    truth, prediction = without_noise(truth, prediction)
     if len(truth) == 0:
         return float("nan")
     shared, _, _ = _overlaps(truth, prediction, np.unique(truth).tolist())
@@ -104,24 +132,8 @@ def one_to_one_accuracy(truth: ArrayLike, prediction: ArrayLike) -> float:
     return float(shared[rows, columns].sum() / len(truth))
 
 
-def detected_boxes(truth: ArrayLike, detections: ArrayLike) -> NDArray[np.bool_]:
-    """Which of the true boxes (n, 4) of a frame some detection (m, 4) finds, bool (n,); boxes are x, y, w, h
-    in px.
-
-    A detection D finds a box G if area(D and G) > 0.5 area(G) and area(D and G) > area(D outside G): the
-    criterion of the EED data set (Mitrokhin, Fermuller, Parameshwara, Aloimonos, IROS 2018).  The detection
-    rate is the mean of this over all boxes of all frames.
-    """
-    g, d = _boxes(truth)[:, None], _boxes(detections)[None]
-    overlap_size = np.minimum(g[..., :2] + g[..., 2:], d[..., :2] + d[..., 2:]) - np.maximum(
-        g[..., :2], d[..., :2]
-    )
-    shared = np.maximum(overlap_size, 0).prod(axis=-1)
-    found = (shared > 0.5 * g[..., 2:].prod(axis=-1)) & (shared > d[..., 2:].prod(axis=-1) - shared)
-    return np.asarray(found.any(axis=1))
-
-
-def _without_noise(truth: ArrayLike, prediction: ArrayLike) -> tuple[Labels, Labels]:
+def without_noise(truth: ArrayLike, prediction: ArrayLike) -> tuple[Labels, Labels]:
+    """Both without the events that are noise in the truth; ValueError where they do not fit."""
     truth, prediction = np.asarray(truth), np.asarray(prediction)
     for name, labels in (("truth", truth), ("prediction", prediction)):
         if labels.ndim != 1 or (labels.size and labels.dtype.kind not in "iu"):
@@ -136,7 +148,7 @@ def _without_noise(truth: ArrayLike, prediction: ArrayLike) -> tuple[Labels, Lab
     return truth[kept].astype(np.int64), prediction[kept].astype(np.int64)
 
 
-def _large(labels: Labels, min_events: int = MIN_EVENTS) -> Labels:
+def large_labels(labels: Labels, min_events: int = MIN_EVENTS) -> Labels:
     """Labels 0 and up that hold at least min_events events."""
     values, counts = np.unique(labels[labels >= 0], return_counts=True)
     return values[counts >= min_events]
@@ -158,10 +170,3 @@ def _one_to_one(gain: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np
 
     rows, columns = linear_sum_assignment(gain, maximize=True)
     return rows, columns
-
-
-def _boxes(boxes: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(boxes, dtype=np.float64).reshape(-1, 4) if np.size(boxes) else np.empty((0, 4))
-    if not np.isfinite(array).all() or (array[:, 2:] < 0).any():
-        raise ValueError("boxes; expected finite rows x, y, w, h with w, h >= 0")
-    return array

@@ -1,0 +1,65 @@
+"""Curves of what `bench.experiments` measures: a figure a parameter, panels of quality, clusters, time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+from bench.experiment_tables import mean
+from bench.plots import STYLE
+
+PANELS: Final = (
+    ("moving_iou_deployed", "moving IoU"),
+    ("clusters_per_motion", "clusters per motion"),
+    ("cpu_s_a_mega_event", "CPU s per million events"),
+)
+
+
+def plot_parameters(
+    rows: Sequence[dict[str, Any]], parameters: Sequence[str], folder: Path
+) -> dict[str, Path]:
+    """Draw every parameter's curves, experiments_<parameter>.svg; returns the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(STYLE):
+        return {
+            name: _plot(
+                [row for row in rows if row["what"] == name], name, folder / f"experiments_{name}.svg"
+            )
+            for name in parameters
+        }
+
+
+def _plot(rows: Sequence[dict[str, Any]], parameter: str, path: Path) -> Path:
+    figure, axes = plt.subplots(1, len(PANELS), figsize=(10, 3.2))
+    scenes = list(dict.fromkeys(row["experiment"] for row in rows))
+    values = sorted({row["value"] for row in rows})
+    for panel, (name, title) in zip(axes, PANELS, strict=True):
+        for scene in scenes:
+            own = [row for row in rows if row["experiment"] == scene]
+            panel.plot(values, _curve(own, values, name), "-o", label=scene, markersize=3, linewidth=1)
+        panel.plot(values, _curve(rows, values, name), "k-", label="mean", linewidth=2)
+        if name == "moving_iou_deployed":
+            oracle = _curve(rows, values, "moving_iou_oracle")
+            panel.plot(values, oracle, "k--", label="mean, oracle", linewidth=1.2)
+            panel.set_ylim(0, 1)
+        if name == "clusters_per_motion":
+            panel.axhline(1, color="0.6", linestyle=":")
+        panel.set_xlabel(parameter)
+        panel.set_title(title, fontsize=9)
+        panel.grid(True, color="0.92")
+    axes[0].legend(fontsize=6)
+    figure.tight_layout()
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+    return path
+
+
+def _curve(rows: Sequence[dict[str, Any]], values: Sequence[float], name: str) -> list[float]:
+    found = (mean([row for row in rows if row["value"] == value], name) for value in values)
+    return [float("nan") if value is None else value for value in found]
