@@ -43,8 +43,8 @@ std::int64_t expand_groups(const BasicLabelingProblem<Cost>& problem, std::int64
   const GroupedProblem groups(problem);
   const WideLabelingProblem coarse = groups.view();
   std::vector<std::int32_t> group_labels = cheapest_labels(coarse);
-  expand_in_turn(coarse, max_sweeps, widest * static_cast<std::int64_t>(GroupedProblem::kMostSites), workspace,
-                 group_labels);
+  expand_in_turn(coarse, max_sweeps, widest * static_cast<std::int64_t>(GroupedProblem::kMostSites),
+                 workspace, group_labels);
   const std::int64_t gain = energy - evaluate(coarse, group_labels);
   if (gain <= 0) return 0;
   labels = groups.spread(group_labels);
@@ -76,8 +76,8 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
   constexpr auto kLargest = std::numeric_limits<std::int64_t>::max();
   if (options.max_sweeps > 0 && problem.site_count() >= kLeastSites &&
       widest <= kLargest / static_cast<std::int64_t>(GroupedProblem::kMostSites)) {
-    result.energy -= expand_groups(ordered.view(), result.energy, options.max_sweeps, widest, workspace,
-                                   result.labels);
+    result.energy -=
+        expand_groups(ordered.view(), result.energy, options.max_sweeps, widest, workspace, result.labels);
     first = FirstLabels::used;
   }
   for (const std::int64_t gain :

@@ -75,8 +75,9 @@ class MovesInTurn {
   const BasicLabelingProblem<Cost>& problem_;
   ExpansionMove<Capacity, Residual>& move_;
   std::vector<std::int32_t>& labels_;
-  std::vector<std::int32_t> used_;        // per label: its sites
-  std::vector<std::int64_t> settled_at_;  // per label: how many moves had changed labels when it was tried last
+  std::vector<std::int32_t> used_;  // per label: its sites
+  std::vector<std::int64_t>
+      settled_at_;  // per label: how many moves had changed labels when it was tried last
   std::int64_t changes_ = 0;
 };
 
