@@ -90,6 +90,8 @@ void bind_motion(py::module_& m) {
   py::class_<IweWorkspace>(m, "IweWorkspace", "Memory of `iwe`, for one call at a time.").def(py::init<>());
   py::class_<ContrastWorkspace>(m, "ContrastWorkspace", "Memory of `contrast`, for one call at a time.")
       .def(py::init<>());
+  py::class_<FitWorkspace>(m, "FitWorkspace", "Memory of `fit_motion`, for one call at a time.")
+      .def(py::init<>());
 
   m.def(
       "iwe",
@@ -141,7 +143,7 @@ void bind_motion(py::module_& m) {
       [](const Array<float>& x, const Array<float>& y, const Array<float>& dt, const Array<std::uint8_t>& p,
          const std::string& kind, const WarpFrame& frame, int width, int height, double sigma,
          const std::string& measure, double max_speed, double max_scale_rate, double max_angle_rate,
-         int threads) {
+         int threads, std::optional<FitWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         check_polarities(points, p);
         FitOptions options;
@@ -153,7 +155,9 @@ void bind_motion(py::module_& m) {
         {
           py::gil_scoped_release release;
           ThreadPool pool(threads);
-          result = fit_motion(points, view(p), motion, frame, region, options, pool);
+          FitWorkspace own;
+          result = fit_motion(points, view(p), motion, frame, region, options, pool,
+                              workspace ? **workspace : own);
         }
         const auto params = params_of(result.model);
         return py::make_tuple(to_numpy(std::vector<double>(params.begin(), params.end())), result.contrast,
@@ -162,5 +166,7 @@ void bind_motion(py::module_& m) {
       py::arg("x"), py::arg("y"), py::arg("dt"), py::arg("p"), py::arg("kind"), py::arg("frame"),
       py::arg("width"), py::arg("height"), py::arg("sigma"), py::arg("measure"), py::arg("max_speed"),
       py::arg("max_scale_rate"), py::arg("max_angle_rate"), py::arg("threads"),
-      "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.");
+      py::arg("workspace") = py::none(),
+      "Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient. A "
+      "workspace keeps its memory for the next call.");
 }

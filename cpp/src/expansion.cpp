@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cassert>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
 #include "expansion_moves.hpp"
+#include "grouped_problem.hpp"
 #include "labeling_problem.hpp"
 #include "ordered_problem.hpp"
 
@@ -30,6 +32,25 @@ std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& prob
   return labels;
 }
 
+// Groups pay where moves are dear: below, a whole expansion is a matter of a millisecond.
+constexpr std::size_t kLeastSites = 1000;
+
+// The labelling that expansion of groups finds, if it is better than `labels`: what it gains.
+template <typename Cost>
+std::int64_t expand_groups(const BasicLabelingProblem<Cost>& problem, std::int64_t energy, int max_sweeps,
+                           std::int64_t widest, ExpansionWorkspace& workspace,
+                           std::vector<std::int32_t>& labels) {
+  const GroupedProblem groups(problem);
+  const WideLabelingProblem coarse = groups.view();
+  std::vector<std::int32_t> group_labels = cheapest_labels(coarse);
+  expand_in_turn(coarse, max_sweeps, widest * static_cast<std::int64_t>(GroupedProblem::kMostSites),
+                 workspace, group_labels);
+  const std::int64_t gain = energy - evaluate(coarse, group_labels);
+  if (gain <= 0) return 0;
+  labels = groups.spread(group_labels);
+  return gain;
+}
+
 template <typename Cost>
 ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
                                   std::span<const std::int32_t> initial, const ExpansionOptions& options,
@@ -51,8 +72,16 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
 
   const OrderedProblem<Cost> ordered(problem);
   result.labels = ordered.ordered(result.labels);
+  FirstLabels first = FirstLabels::all;
+  constexpr auto kLargest = std::numeric_limits<std::int64_t>::max();
+  if (options.max_sweeps > 0 && problem.site_count() >= kLeastSites &&
+      widest <= kLargest / static_cast<std::int64_t>(GroupedProblem::kMostSites)) {
+    result.energy -=
+        expand_groups(ordered.view(), result.energy, options.max_sweeps, widest, workspace, result.labels);
+    first = FirstLabels::used;
+  }
   for (const std::int64_t gain :
-       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels)) {
+       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels, {}, first)) {
     result.energy -= gain;
     result.energy_trace.push_back(result.energy);
   }

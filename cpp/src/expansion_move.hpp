@@ -82,16 +82,28 @@ class ExpansionMove {
   Capacity data_excess(const BasicLabelingProblem<Cost>& problem, std::size_t v, Role role,
                        std::int32_t alpha) const;
   template <typename Cost>
-  void bring_up_to_date(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, Flow& flow);
+  void bring_up_to_date(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
+                        std::int32_t alpha, Flow& flow);
   template <typename Cost>
-  void reset(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, Flow& flow) const;
+  void begin_from_unused(const BasicLabelingProblem<Cost>& problem, std::span<const std::int32_t> labels,
+                         std::int32_t alpha, Flow& flow);
   template <typename Cost>
-  void update_site(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha, std::int32_t v,
-                   Flow& flow) const;
+  void reset(const BasicLabelingProblem<Cost>& problem, std::span<const Role> roles, std::int32_t alpha,
+             Flow& flow) const;
+  void list_changes(std::span<const Role> roles, const Flow& flow);
+  template <typename Cost>
+  void update(const BasicLabelingProblem<Cost>& problem, std::span<const Role> roles, std::int32_t alpha,
+              Flow& flow);
+  template <typename Cost>
+  void update_site(const BasicLabelingProblem<Cost>& problem, std::span<const Role> roles, std::int32_t alpha,
+                   std::int32_t v, Flow& flow) const;
   Residual weight_at(std::int32_t arc) const { return weight_[weight_.size() == 1 ? 0 : arc]; }
-  std::int64_t gain_bound(const Flow& flow) const;
+  std::int64_t gain_bound(const Flow& flow);
+  static std::int64_t deficit_of(const Flow& flow);
 
   static constexpr std::int32_t kNoLabel = -1;
+  static constexpr std::int32_t kUnused = -2;     // the label of unused_
+  static constexpr std::size_t kUpdateShare = 4;  // a site's update costs more than its share of a reset
   static constexpr std::size_t kFlowMemory = std::size_t{48} << 20;  // bytes; labels beyond share one flow
 
   ArcRows rows_;
@@ -102,6 +114,8 @@ class ExpansionMove {
   std::vector<Role> roles_;
   std::vector<std::int64_t> hub_cost_;  // per label: what wiping it out gains
   std::vector<Flow> flows_;             // per label
+  Flow unused_;                         // none, of a label that no site has and whose data cost nothing
+  std::vector<std::int64_t> excess_;    // per label + 1: above 0, the first of sites without a part
   std::vector<std::int32_t> changed_;   // sites whose role is not the flow's
   std::vector<std::int32_t> switched_;
 };
@@ -137,6 +151,7 @@ void ExpansionMove<Capacity, Residual>::begin(const BasicLabelingProblem<Cost>& 
   const std::size_t count = std::min(static_cast<std::size_t>(problem.label_count), kFlowMemory / bytes + 1);
   if (flows_.size() < count) flows_.resize(count);
   for (Flow& flow : flows_) flow.label = kNoLabel;
+  unused_.label = kNoLabel;
 }
 
 template <typename Capacity, typename Residual>
@@ -149,16 +164,11 @@ std::int64_t ExpansionMove<Capacity, Residual>::find(const BasicLabelingProblem<
   const std::int64_t price = used[alpha] > 0 ? 0 : problem.cost_of_label(alpha);
 
   Flow& flow = flows_[std::min(static_cast<std::size_t>(alpha), flows_.size() - 1)];
-  bring_up_to_date(problem, alpha, flow);
+  bring_up_to_date(problem, labels, alpha, flow);
   if (gain_bound(flow) <= price) return 0;
 
   // Keeping everything cuts every deficit; the minimum cut is as large as the flow.
-  const auto deficits = [&flow] {
-    std::int64_t sum = 0;
-    for (const Capacity excess : flow.excess) sum -= std::min<Capacity>(0, excess);
-    return sum;
-  };
-  const std::int64_t keep_all = deficits();
+  const std::int64_t keep_all = deficit_of(flow);
   solver_.attach(rows_, flow.residuals, flow.excess);
   solver_.start();
   solver_.maximise(keep_all - price);
@@ -166,7 +176,7 @@ std::int64_t ExpansionMove<Capacity, Residual>::find(const BasicLabelingProblem<
     if (gain_bound(flow) <= price) return 0;
     solver_.maximise();
   }
-  std::int64_t gain = deficits() - price;
+  std::int64_t gain = deficit_of(flow) - price;
   hubs_.survey(solver_, labels, hub_cost_);
   for (std::int32_t l = 0; l < problem.label_count; ++l) {
     if (hubs_.is_wiped_by_cut(l)) gain += hub_cost_[l];
@@ -218,7 +228,7 @@ template <typename Capacity, typename Residual>
 template <typename Cost>
 Capacity ExpansionMove<Capacity, Residual>::data_excess(const BasicLabelingProblem<Cost>& problem,
                                                         std::size_t v, Role role, std::int32_t alpha) const {
-  if (!takes_part(role)) return 0;
+  if (!takes_part(role) || alpha == kUnused) return 0;
   const Cost* row = problem.unary.data() + v * static_cast<std::size_t>(problem.label_count);
   return static_cast<Capacity>(static_cast<Capacity>(row[alpha]) - static_cast<Capacity>(row[role]));
 }
@@ -226,34 +236,77 @@ Capacity ExpansionMove<Capacity, Residual>::data_excess(const BasicLabelingProbl
 template <typename Capacity, typename Residual>
 template <typename Cost>
 void ExpansionMove<Capacity, Residual>::bring_up_to_date(const BasicLabelingProblem<Cost>& problem,
+                                                         std::span<const std::int32_t> labels,
                                                          std::int32_t alpha, Flow& flow) {
   if (flow.label != alpha) {
-    reset(problem, alpha, flow);
-    return;
+    std::size_t without_part = 0;
+    for (const Role role : roles_) without_part += takes_part(role) ? 0 : 1;
+    if (without_part > roles_.size() / kUpdateShare) {
+      reset<Cost>(problem, roles_, alpha, flow);
+      return;
+    }
+    begin_from_unused(problem, labels, alpha, flow);
   }
-  changed_.clear();
-  for (std::size_t v = 0; v < roles_.size(); ++v) {
-    if (roles_[v] != flow.roles[v]) changed_.push_back(static_cast<std::int32_t>(v));
+  update<Cost>(problem, roles_, alpha, flow);
+}
+
+// What labels' moves have in common is copied: all but the data costs, where no site has the label.
+template <typename Capacity, typename Residual>
+template <typename Cost>
+void ExpansionMove<Capacity, Residual>::begin_from_unused(const BasicLabelingProblem<Cost>& problem,
+                                                          std::span<const std::int32_t> labels,
+                                                          std::int32_t alpha, Flow& flow) {
+  if (unused_.label != kUnused) {
+    reset(problem, labels, kUnused, unused_);
+  } else {
+    update(problem, labels, kUnused, unused_);
   }
-  if (changed_.size() > roles_.size() / 4) {  // a site's update costs more than its share of a reset
-    reset(problem, alpha, flow);
-    return;
-  }
-  for (const std::int32_t v : changed_) update_site(problem, alpha, v, flow);
-  for (const std::int32_t v : changed_) flow.roles[v] = roles_[v];
+  flow = unused_;
+  flow.label = alpha;
+  for (std::size_t v = 0; v < labels.size(); ++v) flow.excess[v] += data_excess(problem, v, labels[v], alpha);
 }
 
 template <typename Capacity, typename Residual>
 template <typename Cost>
-void ExpansionMove<Capacity, Residual>::reset(const BasicLabelingProblem<Cost>& problem, std::int32_t alpha,
+void ExpansionMove<Capacity, Residual>::update(const BasicLabelingProblem<Cost>& problem,
+                                               std::span<const Role> roles, std::int32_t alpha, Flow& flow) {
+  list_changes(roles, flow);
+  if (changed_.size() > roles.size() / kUpdateShare) {
+    reset(problem, roles, alpha, flow);
+    return;
+  }
+  for (const std::int32_t v : changed_) update_site(problem, roles, alpha, v, flow);
+  for (const std::int32_t v : changed_) flow.roles[v] = roles[v];
+}
+
+// Mostly few, so that whole runs of sites are skipped.
+template <typename Capacity, typename Residual>
+void ExpansionMove<Capacity, Residual>::list_changes(std::span<const Role> roles, const Flow& flow) {
+  constexpr std::size_t kRun = 64;
+  changed_.clear();
+  for (std::size_t begin = 0; begin < roles.size(); begin += kRun) {
+    const std::size_t end = std::min(begin + kRun, roles.size());
+    Role differences = 0;
+    for (std::size_t v = begin; v < end; ++v) differences |= roles[v] ^ flow.roles[v];
+    if (differences == 0) continue;
+    for (std::size_t v = begin; v < end; ++v) {
+      if (roles[v] != flow.roles[v]) changed_.push_back(static_cast<std::int32_t>(v));
+    }
+  }
+}
+
+template <typename Capacity, typename Residual>
+template <typename Cost>
+void ExpansionMove<Capacity, Residual>::reset(const BasicLabelingProblem<Cost>& problem,
+                                              std::span<const Role> roles, std::int32_t alpha,
                                               Flow& flow) const {
-  const auto site_count = static_cast<std::int32_t>(roles_.size());
+  const auto site_count = static_cast<std::int32_t>(roles.size());
   flow.label = alpha;
-  flow.roles = roles_;
-  flow.excess.resize(roles_.size());
+  flow.roles.assign(roles.begin(), roles.end());
+  flow.excess.resize(roles.size());
   flow.residuals.resize(rows_.arc_count());
   for (std::int32_t v = 0; v < site_count; ++v) {
-    const Role role = roles_[v];
+    const Role role = roles[v];
     const std::int32_t end = rows_.end_of(v);
     if (!takes_part(role)) {
       flow.excess[v] = 0;
@@ -264,7 +317,7 @@ void ExpansionMove<Capacity, Residual>::reset(const BasicLabelingProblem<Cost>& 
     Capacity excess = data_excess(problem, v, role, alpha);
     for (std::int32_t a = rows_.begin_of(v); a < end; ++a) {
       const std::int32_t head = rows_.arc(a).head;
-      const Terms terms = terms_of(role, roles_[head], weight_at(a), v < head);
+      const Terms terms = terms_of(role, roles[head], weight_at(a), v < head);
       excess += terms.excess;
       flow.residuals[a] = {terms.forward, terms.backward};
     }
@@ -276,19 +329,20 @@ void ExpansionMove<Capacity, Residual>::reset(const BasicLabelingProblem<Cost>& 
 template <typename Capacity, typename Residual>
 template <typename Cost>
 void ExpansionMove<Capacity, Residual>::update_site(const BasicLabelingProblem<Cost>& problem,
-                                                    std::int32_t alpha, std::int32_t v, Flow& flow) const {
+                                                    std::span<const Role> roles, std::int32_t alpha,
+                                                    std::int32_t v, Flow& flow) const {
   const auto terms = [](Role u, Role h, Residual weight, bool u_is_first) {
     return takes_part(u) ? terms_of(u, h, weight, u_is_first) : Terms{0, 0, 0};
   };
-  flow.excess[v] += data_excess(problem, v, roles_[v], alpha) - data_excess(problem, v, flow.roles[v], alpha);
+  flow.excess[v] += data_excess(problem, v, roles[v], alpha) - data_excess(problem, v, flow.roles[v], alpha);
   for (std::int32_t a = rows_.begin_of(v); a < rows_.end_of(v); ++a) {
     const auto [head, sister] = rows_.arc(a);
-    if (head > v && roles_[head] != flow.roles[head]) continue;  // its own update takes both changes in
+    if (head > v && roles[head] != flow.roles[head]) continue;  // its own update takes both changes in
     const Residual weight = weight_at(a);
     const Terms old_here = terms(flow.roles[v], flow.roles[head], weight, v < head);
     const Terms old_there = terms(flow.roles[head], flow.roles[v], weight, head < v);
-    const Terms new_here = terms(roles_[v], roles_[head], weight, v < head);
-    const Terms new_there = terms(roles_[head], roles_[v], weight, head < v);
+    const Terms new_here = terms(roles[v], roles[head], weight, v < head);
+    const Terms new_there = terms(roles[head], roles[v], weight, head < v);
     const auto along = static_cast<Residual>(old_here.forward - flow.residuals[a].forward);
     const Residual kept_along =
         std::clamp(along, static_cast<Residual>(-new_here.backward), new_here.forward);
@@ -304,18 +358,23 @@ void ExpansionMove<Capacity, Residual>::update_site(const BasicLabelingProblem<C
 // No move gains more than this: edges between sites count nothing, and a label is either switched where that
 // pays, or wiped out at the price of all its sites.
 template <typename Capacity, typename Residual>
-std::int64_t ExpansionMove<Capacity, Residual>::gain_bound(const Flow& flow) const {
-  std::vector<std::int64_t> excess(hub_cost_.size() + 1, 0);  // by role, the first for sites without a part
-  std::int64_t bound = 0;
+std::int64_t ExpansionMove<Capacity, Residual>::gain_bound(const Flow& flow) {
+  std::int64_t bound = deficit_of(flow);
+  excess_.assign(hub_cost_.size() + 1, 0);
   for (std::size_t v = 0; v < roles_.size(); ++v) {
-    const std::int64_t value = flow.excess[v];
-    bound -= std::min<std::int64_t>(0, value);
-    excess[std::max(roles_[v], -1) + 1] += std::max<std::int64_t>(0, value);
+    excess_[std::max(roles_[v], -1) + 1] += std::max<Capacity>(0, flow.excess[v]);
   }
   for (std::size_t l = 0; l < hub_cost_.size(); ++l) {
-    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess[l + 1]);
+    bound += std::max<std::int64_t>(0, hub_cost_[l] - excess_[l + 1]);
   }
   return bound;
+}
+
+template <typename Capacity, typename Residual>
+std::int64_t ExpansionMove<Capacity, Residual>::deficit_of(const Flow& flow) {
+  std::int64_t sum = 0;
+  for (const Capacity excess : flow.excess) sum -= std::min<Capacity>(0, excess);
+  return sum;
 }
 
 }  // namespace emseg

@@ -321,7 +321,8 @@ std::vector<MotionModel> promising(std::vector<MotionModel> starts, const PointV
 }  // namespace
 
 FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
-                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool) {
+                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool,
+                     FitWorkspace& workspace) {
   const double max_speed = options.refine.bounds.speed;
   std::vector<MotionModel> starts{make_motion(kind)};
   for (const FoundVelocity& velocity : find_velocities(points, positive, plane, max_speed)) {
@@ -334,10 +335,10 @@ FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> posi
   starts = promising(std::move(starts), points, positive, frame, plane);
 
   std::vector<FitResult> results(starts.size());
-  std::vector<ContrastWorkspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
+  workspace.contrast.resize(static_cast<std::size_t>(pool.worker_count()));
   pool.for_each(starts.size(), [&](std::size_t i, int worker) {
     results[i] = refine_motion(points, starts[i], frame, plane, options.refine,
-                               workspaces[static_cast<std::size_t>(worker)]);
+                               workspace.contrast[static_cast<std::size_t>(worker)]);
   });
   FitResult best = results.front();
   int evaluations = 0;

@@ -102,7 +102,7 @@ class PairSearch {
   Region padded_;
   std::vector<std::uint16_t> pixels_;
   std::vector<std::int32_t> earlier_, later_;
-  Displacements<std::uint16_t> counts_{};
+  alignas(64) Displacements<std::uint16_t> counts_{};  // a row of it is a cache line
 };
 
 }  // namespace

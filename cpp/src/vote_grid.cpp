@@ -9,8 +9,7 @@ namespace emseg {
 
 void VoteGrid::reset(Region region) {
   for (int row = min_row_; row <= max_row_; ++row) clear(row, min_column_, max_column_ + 1);
-  min_column_ = min_row_ = std::numeric_limits<int>::max();
-  max_column_ = max_row_ = -1;
+  forget_votes();
   region_ = region;
   stride_ = static_cast<int>(rounded_up(static_cast<std::size_t>(region.width) + 3, line_floats));
   // Zero beyond what it had, as the rest is.
@@ -57,8 +56,13 @@ void VoteGrid::take_row(int y, float* to) {
     clear(y, area.x0 + area.width + 1, max_column_ + 1);
   } else {
     for (int row = y; row <= max_row_; ++row) clear(row, min_column_, max_column_ + 1);
-    reset(region_);
+    forget_votes();
   }
+}
+
+void VoteGrid::forget_votes() {
+  min_column_ = min_row_ = std::numeric_limits<int>::max();
+  max_column_ = max_row_ = -1;
 }
 
 void VoteGrid::clear(int cell_row, int first, int last) {

@@ -19,6 +19,7 @@ __all__: list[str] = [
     "EventStreamKind",
     "EvtDecoder",
     "EvtEncoding",
+    "FitWorkspace",
     "IweWorkspace",
     "OutlineKind",
     "Path",
@@ -296,6 +297,12 @@ class IweWorkspace:
 class ContrastWorkspace:
     """
     Memory of `contrast`, for one call at a time.
+    """
+    def __init__(self) -> None: ...
+
+class FitWorkspace:
+    """
+    Memory of `fit_motion`, for one call at a time.
     """
     def __init__(self) -> None: ...
 
@@ -837,9 +844,10 @@ def fit_motion(
     max_scale_rate: typing.SupportsFloat | typing.SupportsIndex,
     max_angle_rate: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
+    workspace: FitWorkspace | None = None,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float, int]:
     """
-    Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient.
+    Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient. A workspace keeps its memory for the next call.
     """
 
 def iwe(

@@ -108,7 +108,8 @@ def expansion(
 
     The energy of labels L is ``sum_k unary[k, L[k]]``, plus ``weight[e]`` for every stored entry e of the
     compressed rows whose two sites have different labels, plus ``label_cost[l]`` for every label l in use.
-    Every expansion is optimal, label costs included, and the energy never rises.
+    Every expansion is optimal, label costs included, and the energy never rises. From 1000 sites on,
+    labels of groups of neighbours are found first, and are where the sites start if they are better.
 
     Args:
         unary: (n, labels) data costs; may be negative.

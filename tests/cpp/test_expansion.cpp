@@ -1,11 +1,14 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <stdexcept>
 #include <vector>
 
 #include "../../cpp/src/expansion_move.hpp"
+#include "../../cpp/src/grouped_problem.hpp"
 #include "emseg/expansion.hpp"
 
 using namespace emseg;
@@ -270,6 +273,64 @@ TEST_CASE_TEMPLATE("the energy never rises, and ends where no single expansion h
       CHECK(best_expansion(problem, result.labels, alpha) == result.energy);
     }
     CHECK(expansion(problem.view(), result.labels).labels == result.labels);
+  }
+}
+
+TEST_CASE("labels of groups have the energy of the sites that they spread to") {
+  std::mt19937 random(19);
+  bool some_full = false;
+  for (int trial = 0; trial < 40; ++trial) {
+    Ranges ranges;
+    ranges.sites = 1 + 6 * trial;
+    ranges.density = trial % 4 == 0 ? 0.3 : 2.0 / ranges.sites;
+    const auto problem = random_problem<std::int32_t>(random, ranges);
+    const GroupedProblem groups(problem.view());
+    const WideLabelingProblem coarse = groups.view();
+    const std::vector<std::int32_t> coarse_labels =
+        random_labels(random, coarse.site_count(), problem.label_count);
+    const std::vector<std::int32_t> labels = groups.spread(coarse_labels);
+    CHECK(labeling_energy(coarse, coarse_labels) == plain_energy(problem, labels));
+
+    std::vector<std::int32_t> names(coarse.site_count());
+    std::iota(names.begin(), names.end(), 0);
+    std::vector<std::size_t> sites(names.size(), 0);
+    for (const std::int32_t group : groups.spread(names)) ++sites[static_cast<std::size_t>(group)];
+    CHECK(*std::min_element(sites.begin(), sites.end()) >= 1);
+    const std::size_t largest = *std::max_element(sites.begin(), sites.end());
+    CHECK(largest <= GroupedProblem::kMostSites);
+    some_full |= largest == GroupedProblem::kMostSites;
+  }
+  CHECK(some_full);
+}
+
+TEST_CASE_TEMPLATE("large problems that start on groups end no higher than they began", Cost, std::int32_t,
+                   std::int64_t) {
+  std::mt19937 random(23);
+  ExpansionWorkspace workspace;
+  for (int trial = 0; trial < 6; ++trial) {
+    Ranges ranges;
+    ranges.sites = 1200;
+    ranges.density = 0.004;
+    ranges.label_cost = 600;
+    auto problem = random_problem<Cost>(random, ranges);
+    if constexpr (sizeof(Cost) == 8) {
+      for (auto& cost : problem.unary) cost *= 1'000'000'007;
+    }
+    const auto initial = random_labels(random, problem.site_count(), problem.label_count);
+    const ExpansionResult found = expansion(problem.view(), initial, {.max_sweeps = 50}, workspace);
+    CHECK(found.energy == plain_energy(problem, found.labels));
+    CHECK(found.energy_trace.front() == plain_energy(problem, initial));
+    CHECK(std::is_sorted(found.energy_trace.rbegin(), found.energy_trace.rend()));
+
+    // No single expansion improves them.
+    ExpansionMove<std::int64_t> move;
+    std::vector<std::int32_t> used(static_cast<std::size_t>(problem.label_count), 0);
+    for (const std::int32_t label : found.labels) ++used[static_cast<std::size_t>(label)];
+    move.begin(problem.view());
+    for (std::int32_t alpha = 0; alpha < problem.label_count; ++alpha) {
+      CHECK(move.find(problem.view(), found.labels, used, alpha) == 0);
+    }
+    CHECK(expansion(problem.view(), found.labels).energy <= found.energy);
   }
 }
 

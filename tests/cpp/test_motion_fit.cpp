@@ -161,18 +161,20 @@ TEST_CASE("a fit finds the motion from nothing, of every kind") {
   FitOptions options;
   options.refine.contrast.measure = ContrastMeasure::variance;
   ThreadPool pool(2);
+  FitWorkspace workspace;  // what an earlier fit leaves in it must not matter
   for (const MotionModel& truth : truths()) {
     CAPTURE(name_of(kind_of(truth)));
     const Scene scene = dots(truth, frame, 7);
     const FitResult fit =
-        fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, pool);
+        fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, pool, workspace);
     CHECK(kind_of(fit.model) == kind_of(truth));
     CHECK(motion_distance(fit.model, truth, frame, scene.view()) < 0.15);
     CHECK(fit.contrast >= contrast_of(scene, make_motion(kind_of(truth)), frame, options.refine));
     for (const int threads : {1, 7}) {
       ThreadPool other(threads);
-      const FitResult again =
-          fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options, other);
+      FitWorkspace other_workspace;
+      const FitResult again = fit_motion(scene.view(), scene.positive, kind_of(truth), frame, plane, options,
+                                         other, other_workspace);
       CHECK(motion_distance(again.model, fit.model, frame, scene.view()) == 0);
       CHECK(again.evaluations == fit.evaluations);
     }
@@ -182,11 +184,13 @@ TEST_CASE("a fit finds the motion from nothing, of every kind") {
 TEST_CASE("a fit to no event, one event or one time is no motion") {
   const WarpFrame frame = make_warp_frame(sensor);
   ThreadPool pool(1);
+  FitWorkspace workspace;
   for (const MotionModel& kind : truths()) {
     Points points;
     std::vector<std::uint8_t> positive;
     for (int events = 0; events < 3; ++events) {
-      const FitResult fit = fit_motion(points.view(), positive, kind_of(kind), frame, plane, {}, pool);
+      const FitResult fit =
+          fit_motion(points.view(), positive, kind_of(kind), frame, plane, {}, pool, workspace);
       for (const double rate : params_of(fit.model)) CHECK(rate == 0);
       points.x.push_back(20 + static_cast<float>(events));
       points.y.push_back(30);

@@ -172,6 +172,18 @@ def test_sweeps_equal_those_of_plain_hubs(seed: int) -> None:
     assert len(np.unique(labels)) < len(np.unique(init))
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_start_on_groups_ends_where_no_plain_move_helps(seed: int) -> None:
+    problem = grid_problem(seed, 36, 6)
+    init = np.random.default_rng(seed).integers(0, 6, len(problem.unary))
+    for start in (init, problem.unary.argmin(axis=1)):
+        labels, energy = expansion(*problem, start)
+        assert energy == plain_energy(problem, labels) < plain_energy(problem, start)
+        for alpha in range(6):
+            assert plain_energy(problem, expand_with_plain_hubs(problem, labels, alpha)) == energy
+        np.testing.assert_array_equal(expansion(*problem, start)[0], labels)
+
+
 def test_energy_trace_falls_on_a_grid() -> None:
     problem = grid_problem(5, 60, 10)
     _, energy, trace = _core.expansion(

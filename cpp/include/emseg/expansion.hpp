@@ -38,7 +38,8 @@ struct ExpansionOptions {
 struct ExpansionResult {
   std::vector<std::int32_t> labels;  // sites
   std::int64_t energy = 0;
-  std::vector<std::int64_t> energy_trace;  // before the first sweep, then after each
+  std::vector<std::int64_t>
+      energy_trace;  // at the beginning; after the start on groups, if any; after each sweep
 };
 
 // Memory of the cuts, kept from one call to the next.  Not for two calls at a time.
@@ -63,8 +64,10 @@ std::int64_t labeling_energy(const WideLabelingProblem& problem, std::span<const
 
 // Expansion moves over all labels in turn (Boykov, Veksler, Zabih 2001) with label costs (Delong et al.
 // 2012). Every move is the best of its kind, and the energy never rises.  An empty `initial` starts from each
-// site's cheapest label. Throws std::invalid_argument where shapes, labels or costs do not fit, or where the
-// energy could overflow.
+// site's cheapest label.  Problems of 1000 sites and more are first expanded with neighbouring sites merged
+// into groups; what that finds, if it is better than `initial`, is where the sites start, the labels in use
+// first. Throws std::invalid_argument where shapes, labels or costs do not fit, or where the energy could
+// overflow.
 ExpansionResult expansion(const LabelingProblem& problem, std::span<const std::int32_t> initial,
                           const ExpansionOptions& options, ExpansionWorkspace& workspace);
 ExpansionResult expansion(const WideLabelingProblem& problem, std::span<const std::int32_t> initial,

@@ -1,6 +1,10 @@
 // Fitting one motion model to events by contrast maximisation: search, then quasi-Newton refinement.
 #pragma once
 
+#include <cstdint>
+#include <span>
+#include <vector>
+
 #include "emseg/contrast.hpp"
 #include "emseg/parallel.hpp"
 
@@ -41,6 +45,11 @@ struct FitOptions {
   RefineOptions refine;
 };
 
+// Memory of fit_motion, kept from one call to the next.  Not for two calls at a time.
+struct FitWorkspace {
+  std::vector<ContrastWorkspace> contrast;  // one for each worker of the pool
+};
+
 // Where to evaluate a fit that starts from `start`: around the warped events, with room to move.
 Region fit_region(const PointView& points, const MotionModel& start, const WarpFrame& frame, Region plane);
 
@@ -48,6 +57,7 @@ Region fit_region(const PointView& points, const MotionModel& start, const WarpF
 // reappear and from the velocity field of the plane's parts, and refines the most promising.  `points` are
 // sorted by dt.
 FitResult fit_motion(const PointView& points, std::span<const std::uint8_t> positive, MotionKind kind,
-                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool);
+                     const WarpFrame& frame, Region plane, const FitOptions& options, ThreadPool& pool,
+                     FitWorkspace& workspace);
 
 }  // namespace emseg

@@ -61,6 +61,7 @@ class VoteGrid {
 
  private:
   void clear(int cell_row, int first, int last);  // cells first .. last
+  void forget_votes();                            // of a grid that is empty again
 
   float* pairs_of(int cell_row);
 
