@@ -346,7 +346,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def sourcesource_commit() -> str | None:
+def source_commit() -> str | None:
     """The commit of the source tree that this package is run from, if it is one; "+" marks changes."""
     folder = Path(__file__).parent
 

@@ -38,6 +38,9 @@ Footprint = Literal["scattered", "point"]
 Flicker = Literal["left_out", "kept"]
 """What becomes of bursts of events all over the sensor."""
 
+Background = Literal["scene", "widest"]
+"""What label 0 is."""
+
 # The published integers 0 .. 6, in order.
 _PUBLISHED_COMBINATIONS: Final = ("2d", "3d", "4d", "2d+3d", "2d+4d", "3d+4d", "all")
 
@@ -106,6 +109,11 @@ class Config:
         "left_out",
         "Whether bursts of events all over the sensor are kept out of the search for motions",
         choices=get_args(Flicker),
+    )
+    background: Background = choice(
+        "scene",
+        "What label 0 is: all that stands still in the scene, or the motion that is most widely spread",
+        choices=get_args(Background),
     )
     bracket_row: int = whole_number(
         6, "Most rows of sub-volumes at which motions are searched", source=_EMSGC, least=1, most=32

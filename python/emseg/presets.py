@@ -13,6 +13,7 @@ __all__ = ["PRESETS"]
 
 _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
+    "background": "widest",
     "polarity": "ignored",
     "footprint": "point",
     "flicker": "kept",

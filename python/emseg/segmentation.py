@@ -21,7 +21,7 @@ from emseg.config import Config
 from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
 from emseg.motion import MotionModel, iwe, warp
-from emseg.tracking import BOX_DTYPE, Tracker, bounding_box
+from emseg.tracking import BOX_DTYPE, Objects, Tracker, bounding_box
 
 __all__ = ["Segmentation", "Segmenter", "segment"]
 
@@ -79,6 +79,9 @@ class Segmentation:
         labels: int32 (n,): 0 the background (the camera's own motion), 1.. moving objects, -1 noise.  From
             `Segmenter.run` the numbers above 0 are track ids; from `segment` they run from 1, largest first.
         models: One MotionModel per label, the background's first; `model.label` is the label.
+        parts: int32 (n,): as labels, but an articulated body's parts, which move differently, have numbers of
+            their own, from 1 in every window.
+        part_models: One MotionModel per part, the background's first.
         energy: Energy of the labelling, before events were marked as noise.
         energy_trace: Energy after every step of the alternation; it never rises.
         reference_sharpness: Sharpness that the data term calls free of cost.
@@ -111,6 +114,8 @@ class Segmentation:
         self.events = events
         self.labels = labels
         self.models = list(models)
+        self.parts = labels
+        self.part_models = self.models
         self.energy = energy
         self.energy_trace = energy_trace
         self.reference_sharpness = reference_sharpness
@@ -126,14 +131,13 @@ class Segmentation:
         sizes = ", ".join(f"{m.label}: {int((self.labels == m.label).sum())}" for m in self.models)
         return f"Segmentation({len(self.events)} events at {self.t_ref} µs; events by label {{{sizes}}})"
 
-    def relabelled(
-        self, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], *, start: int
-    ) -> Segmentation:
-        """The same window under other label numbers, int32 (n,), at another place in the recording."""
+    def relabelled(self, objects: Objects, *, start: int) -> Segmentation:
+        """The same window by objects instead of motions, at another place in the recording."""
         other = copy.copy(self)
         other.__dict__.pop("boxes", None)
-        other.labels, other.models = labels, list(models)
-        other.start, other.stop = start, start + len(labels)
+        other.labels, other.models = objects.labels, objects.models
+        other.parts, other.part_models = objects.parts, objects.part_models
+        other.start, other.stop = start, start + len(objects.labels)
         return other
 
     def model_of(self, label: int) -> MotionModel:
@@ -239,7 +243,30 @@ class Segmenter:
             ValueError: the events' sensor is not this segmenter's.
         """
         self._check_sensor(events)
-        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+        found = self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+        if self.config.background == "widest":
+            return found
+        objects = self._tracker().assign(found.events, found.labels, found.models, found.t_ref)
+        return found.relabelled(objects, start=0)
+
+    def _tracker(self) -> Tracker:
+        judged = self.config.background == "scene"
+        return Tracker(self.width, self.height, self.camera, self._motion_losses if judged else None)
+
+    def _motion_losses(
+        self,
+        events: EventArray,
+        own: MotionModel,
+        other: MotionModel,
+        offsets: Sequence[tuple[float, float]],
+        *,
+        t_ref: int,
+        duration: float,
+    ) -> list[float]:
+        losses: list[float] = self._engine.motion_losses(
+            events.x, events.y, events.t, events.p, t_ref, duration, own.native(), other.native(), offsets
+        )
+        return losses
 
     def _check_sensor(self, events: EventArray) -> None:
         if (events.width, events.height) != (self.width, self.height):
@@ -311,13 +338,12 @@ class Segmenter:
         Raises:
             ValueError: the events' sensor is not this segmenter's, or chunks overlap in time.
         """
-        tracker = Tracker(self.width, self.height)
+        tracker = self._tracker()
         buffer = EventBuffer(events, width=self.width, height=self.height)
         for start, found in self._segment_windows(buffer):
-            labels, models = tracker.assign(
-                found.events, found.labels, found.models, found.t_ref, self.camera
+            yield found.relabelled(
+                tracker.assign(found.events, found.labels, found.models, found.t_ref), start=start
             )
-            yield found.relabelled(labels, models, start=start)
 
     def _segment_windows(self, buffer: EventBuffer) -> Iterator[tuple[int, Segmentation]]:
         """Windows in order, with their first event; labels as `segment` gives them.

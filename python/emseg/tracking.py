@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import partial
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,9 @@ import numpy.typing as npt
 from emseg.camera import Camera
 from emseg.events import EventArray
 from emseg.motion import MotionModel, warp
+from emseg.scene import STILL, Part, Window, find_parts, moving_logits
 
-__all__ = ["BOX_DTYPE", "Tracker", "bounding_box"]
+__all__ = ["BOX_DTYPE", "Objects", "Tracker", "bounding_box"]
 
 BOX_DTYPE: Final = np.dtype([("track", "i4"), ("x", "f4"), ("y", "f4"), ("w", "f4"), ("h", "f4")])
 """A track's box: left upper corner and size, px."""
@@ -21,7 +23,11 @@ BOX_DTYPE: Final = np.dtype([("track", "i4"), ("x", "f4"), ("y", "f4"), ("w", "f
 MEMORY_US: Final = 300_000
 """How long a track that is not seen keeps its identity, µs."""
 
+_MEMORY: Final = 0.7  # share of the evidence of earlier windows that counts in the next
+_SURE: Final = 6.0  # logit beyond which evidence does not add up
+
 Box = tuple[float, float, float, float]
+WindowLoss = Callable[..., list[float]]
 
 
 def bounding_box(positions: npt.NDArray[np.float32]) -> Box:
@@ -110,10 +116,13 @@ def split_apart(positions: npt.NDArray[np.float32], gap: int) -> npt.NDArray[np.
 
 @dataclass
 class _Track:
+    """A part as it was last seen; it has a number once it has moved."""
+
     number: int
     box: Box
     velocity: npt.NDArray[np.float64]  # px/s of the box's centre
     seen: int  # µs
+    evidence: float  # that it moves: logits of its windows, older ones forgotten
 
     def predicted(self, t: int) -> Box:
         dx, dy = self.velocity * ((t - self.seen) * 1e-6)
@@ -129,90 +138,200 @@ def _overlap(a: Box, b: Box) -> float:
     return shared / (a[2] * a[3] + b[2] * b[3] - shared)
 
 
+@dataclass(frozen=True)
+class Objects:
+    """The moving objects of a window.
+
+    Attributes:
+        labels: int32 (n,): 0 background, 1.. track ids, -1 noise.
+        models: One per label, the background's first; an object's is that of its largest part.
+        parts: int32 (n,): as labels, with a number of its own for every part that moves by itself.
+        part_models: One per part, the background's first.
+    """
+
+    labels: npt.NDArray[np.int32]
+    models: list[MotionModel]
+    parts: npt.NDArray[np.int32]
+    part_models: list[MotionModel]
+
+
 class Tracker:
-    """Gives the moving labels of successive windows the numbers of the objects that they are.
+    """Tells the moving parts of successive windows, joins them to objects, and keeps the objects' numbers.
 
     Args:
         width: Width of the sensor, px.
         height: Height of the sensor, px.
+        camera: The camera, if there is one.
+        loss: The engine's, by which parts are held against the background; None: all labels above 0 move.
     """
 
-    def __init__(self, width: int, height: int) -> None:
-        self._size = (width, height)
+    def __init__(
+        self, width: int, height: int, camera: Camera | None = None, loss: WindowLoss | None = None
+    ) -> None:
         self._gap = max(4, max(width, height) // 24)
+        self._camera = camera
+        self._loss = loss
         self._tracks: list[_Track] = []
         self._next_number = 1
 
     def assign(
-        self,
-        events: EventArray,
-        labels: npt.NDArray[np.int32],
-        models: Sequence[MotionModel],
-        t_ref: int,
-        camera: Camera | None,
-    ) -> tuple[npt.NDArray[np.int32], list[MotionModel]]:
-        """Replace the labels above 0 of one window by track ids.
+        self, events: EventArray, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], t_ref: int
+    ) -> Objects:
+        """The objects of the next window.
 
         Args:
             events: The window's events.
             labels: int32 (n,): 0 background, 1.. motions, -1 noise.
             models: One per label, in the order of the labels.
             t_ref: Reference time, µs; later than the last window's.
-            camera: The camera, if there is one.
-
-        Returns:
-            The labels, int32 (n,), and one model per label, the background's first.
         """
-        renamed = np.where(labels > 0, 0, labels).astype(np.int32)
-        crumbs: list[npt.NDArray[np.intp]] = [np.empty(0, np.intp)]
-        objects: list[tuple[npt.NDArray[np.intp], Box, MotionModel]] = []
-        for model in models[1:]:
+        groups, crumbs = self._split(events, labels, models, t_ref)
+        parts = find_parts(events, groups)
+        duration = max(1, int(events.t[-1] - events.t[0])) * 1e-6 if len(events) else 1e-6
+        loss = partial(self._loss, t_ref=t_ref, duration=duration) if self._loss else _no_loss
+        window = Window(events, duration, loss, self._camera)
+        if self._loss is None:
+            logits = np.array([np.inf if part.model.label else -np.inf for part in parts])
+            background = None
+        else:
+            logits, background = moving_logits(parts, window)
+        still_model = models[0] if self._loss is None else STILL if background is None else background.model
+
+        boxes = [bounding_box(warp(events[p.own], p.model, t_ref, camera=self._camera)) for p in parts]
+        seen = self._match(boxes, [part is background for part in parts], t_ref)
+        evidence = [
+            logit + (_MEMORY * track.evidence if track else 0.0)
+            for logit, track in zip(logits, seen, strict=True)
+        ]
+        moving = [k for k in range(len(parts)) if evidence[k] > 0 and parts[k] is not background]
+        flows = {k: self._flow(parts[k], still_model, window) for k in moving}
+        objects = self._join(parts, moving, flows)
+
+        numbers = [track.number if track else 0 for track in seen]
+        by_object = self._number(objects, numbers, [len(part.own) for part in parts])
+        found = _paint(labels, crumbs, parts, objects, by_object, still_model, moving)
+        for k, part in enumerate(parts):
+            if part is not background:
+                velocity = window.displacement(part.model, *part.centre) / window.duration
+                strength = float(np.clip(evidence[k], -_SURE, _SURE))
+                self._remember(_Track(numbers[k], boxes[k], velocity, t_ref, strength), seen[k])
+        self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
+        return found
+
+    def _split(
+        self, events: EventArray, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], t_ref: int
+    ) -> tuple[list[tuple[npt.NDArray[np.intp], MotionModel]], list[npt.NDArray[np.intp]]]:
+        """Events and motion of every part, and crumbs: chance coincidences of a motion with something else."""
+        groups, crumbs = [], []
+        for model in models:
             own = np.flatnonzero(labels == model.label)
             if not len(own):
                 continue
-            positions = warp(events[own], model, t_ref, camera=camera)
-            part = split_apart(positions, self._gap)
+            if model.label == 0:
+                groups.append((own, model))
+                continue
+            part = split_apart(warp(events[own], model, t_ref, camera=self._camera), self._gap)
             crumbs.append(own[part < 0])
-            for number in range(int(part.max()) + 1):
-                chosen = part == number
-                if chosen.any():
-                    objects.append((own[chosen], bounding_box(positions[chosen]), model))
-        # Crumbs of a motion far from its objects are its chance coincidences with something else.
-        renamed[np.concatenate(crumbs)] = -1
-        objects.sort(key=lambda found: (-len(found[0]), int(found[0][0])))
+            groups += [(own[part == number], model) for number in range(int(part.max()) + 1)]
+        groups.sort(key=lambda group: (group[1].label != 0, -len(group[0]), int(group[0][0])))
+        return groups, crumbs
 
-        numbers = self._match([box for _, box, _ in objects], t_ref)
-        kept = [MotionModel(models[0].kind, models[0].params, 0)]
-        for (own, box, model), number in zip(objects, numbers, strict=True):
-            renamed[own] = number
-            kept.append(MotionModel(model.kind, model.params, number))
-            self._remember(_Track(number, box, self._velocity(model, box, camera), t_ref))
-        self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
-        return renamed, kept
-
-    def _match(self, boxes: list[Box], t_ref: int) -> list[int]:
-        """Numbers of the boxes: that of the track whose predicted box overlaps, each once; else new ones."""
-        numbers = [0] * len(boxes)
-        if boxes and self._tracks:
-            gain = np.array([[_overlap(box, t.predicted(t_ref)) for t in self._tracks] for box in boxes])
+    def _match(self, boxes: list[Box], excepted: list[bool], t_ref: int) -> list[_Track | None]:
+        """The track of each box: one whose predicted box overlaps, each once."""
+        seen: list[_Track | None] = [None] * len(boxes)
+        rows = [k for k, left_out in enumerate(excepted) if not left_out]
+        if rows and self._tracks:
+            gain = np.array([[_overlap(boxes[k], t.predicted(t_ref)) for t in self._tracks] for k in rows])
             for i, j in best_pairs(gain):
                 if gain[i, j] > 0.1:
-                    numbers[i] = self._tracks[j].number
-        for i, number in enumerate(numbers):
-            if number == 0:
-                numbers[i] = self._next_number
+                    seen[rows[i]] = self._tracks[j]
+        return seen
+
+    def _flow(self, part: Part, background: MotionModel, window: Window) -> npt.NDArray[np.float64]:
+        """Displacement of a part against the background, px."""
+        own, still = (window.displacement(m, *part.centre) for m in (part.model, background))
+        return own - still
+
+    def _join(
+        self, parts: Sequence[Part], moving: list[int], flows: dict[int, npt.NDArray[np.float64]]
+    ) -> list[list[int]]:
+        """Moving parts that touch and go the same way: limbs of one body, largest part first."""
+        objects: list[list[int]] = []
+        for k in sorted(moving, key=lambda k: -len(parts[k].own)):
+            home = next(
+                (o for o in objects if any(_one_body(parts[k], flows[k], parts[m], flows[m]) for m in o)), None
+            )
+            if home is None:
+                objects.append([k])
+            else:
+                home.append(k)
+        return objects
+
+    def _number(self, objects: list[list[int]], numbers: list[int], sizes: list[int]) -> list[int]:
+        """A number for every object: the one that most of its events had, else a new one; told to its parts."""
+        by_object = []
+        taken: set[int] = set()
+        for own in objects:
+            votes: dict[int, int] = {}
+            for k in own:
+                if numbers[k] and numbers[k] not in taken:
+                    votes[numbers[k]] = votes.get(numbers[k], 0) + sizes[k]
+            if votes:
+                number = max(votes, key=lambda candidate: (votes[candidate], -candidate))
+            else:
+                number = self._next_number
                 self._next_number += 1
-        return numbers
+            taken.add(number)
+            by_object.append(number)
+            for k in own:
+                numbers[k] = number
+        return by_object
 
-    def _remember(self, seen: _Track) -> None:
-        self._tracks = [track for track in self._tracks if track.number != seen.number] + [seen]
+    def _remember(self, track: _Track, before: _Track | None) -> None:
+        self._tracks = [known for known in self._tracks if known is not before] + [track]
 
-    def _velocity(self, model: MotionModel, box: Box, camera: Camera | None) -> npt.NDArray[np.float64]:
-        """Velocity of a box's centre under a motion, px/s."""
-        x = min(max(round(box[0] + box[2] / 2), 0), self._size[0] - 1)
-        y = min(max(round(box[1] + box[3] / 2), 0), self._size[1] - 1)
-        columns: dict[str, Any] = {"width": self._size[0], "height": self._size[1]}
-        centre = EventArray([x, x], [y, y], [0, 1000], [0, 0], **columns)
-        at, moved = warp(centre, model, 0, camera=camera).astype(np.float64)
-        velocity: npt.NDArray[np.float64] = (at - moved) * 1e3
-        return velocity
+
+def _paint(
+    labels: npt.NDArray[np.int32],
+    crumbs: Sequence[npt.NDArray[np.intp]],
+    parts: Sequence[Part],
+    objects: Sequence[Sequence[int]],
+    numbers: Sequence[int],
+    background: MotionModel,
+    moving: Sequence[int],
+) -> Objects:
+    """Labels and models of the objects of a window."""
+    by_object = np.where(labels > 0, 0, labels).astype(np.int32)
+    crumb_of_moving = {parts[k].model.label for k in moving}
+    for crumb in crumbs:
+        if len(crumb) and int(labels[crumb[0]]) in crumb_of_moving:
+            by_object[crumb] = -1
+    by_part = by_object.copy()
+    models = [MotionModel(background.kind, background.params, 0)]
+    part_models = models.copy()
+    for own, number in zip(objects, numbers, strict=True):
+        for k in own:
+            by_object[parts[k].own] = number
+            by_part[parts[k].own] = len(part_models)
+            part_models.append(MotionModel(parts[k].model.kind, parts[k].model.params, len(part_models)))
+        main = parts[own[0]].model
+        models.append(MotionModel(main.kind, main.params, number))
+    return Objects(by_object, models, by_part, part_models)
+
+
+def _one_body(a: Part, flow_a: npt.NDArray[np.float64], b: Part, flow_b: npt.NDArray[np.float64]) -> bool:
+    """Whether two moving parts are limbs of one body: they touch, and go the same way at comparable speeds."""
+    grown = b.tiles.copy()
+    grown[1:] |= b.tiles[:-1]
+    grown[:-1] |= b.tiles[1:]
+    grown[:, 1:] |= b.tiles[:, :-1]
+    grown[:, :-1] |= b.tiles[:, 1:]
+    if not (a.tiles & grown).any():
+        return False
+    speeds = float(np.linalg.norm(flow_a)), float(np.linalg.norm(flow_b))
+    slow, fast = min(speeds), max(speeds)
+    return slow > 0.25 * fast and float(flow_a @ flow_b) > 0.6 * slow * fast
+
+
+def _no_loss(*_: object, **__: object) -> list[float]:
+    raise AssertionError("without a loss, nothing is held against the background")

@@ -1,0 +1,228 @@
+"""Trains the classifiers that tell what moves from what stands still (emseg.scene) on simulated recordings.
+
+    emseg simulate --suite CLIPS --seeds 0:7 --duration 0.5 --jobs 2
+    python scripts/train_scene.py CLIPS --out python/emseg/data/scene_classifiers.json
+
+Every recording gives some windows, of lengths in which its objects move some pixels against the background.  The
+parts of a window are those that emseg finds in it; a part moves if most of its events are of objects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize
+
+import emseg
+from emseg import scene
+from emseg.metrics import event_moving_iou
+from emseg.tracking import Tracker
+
+Array = npt.NDArray[np.float64]
+WINDOWS = 9
+DISPLACEMENT = 6.0  # px of objects against the background, times .6 to 2
+
+
+@dataclass
+class Example:
+    """Parts of a window: features by themselves and against each possible background, and whether they move."""
+
+    recording: str
+    appearance: Array
+    against: dict[int, Array]  # by part; -1 for none
+    areas: list[float]
+    sizes: list[int]
+    moving: npt.NDArray[np.bool_]
+    owners: npt.NDArray[np.int16]
+    part_of_event: npt.NDArray[np.int16]
+
+
+def background_flow(data: Any, frame: int) -> tuple[Array, Array, Array]:
+    """Places and velocities (n,), (n,), (n, 2) of some still pixels, px and px/s, by depth and poses."""
+    camera, poses, times = data["K"], data["gt_T_world_camera"], data["gt_t"]
+    move = np.linalg.inv(poses[frame + 1]) @ poses[frame]
+    y, x = np.mgrid[4 : int(data["height"]) : 8, 4 : int(data["width"]) : 8]
+    depth = data["gt_depth"][frame][y, x].astype(np.float64)
+    known = (data["gt_mask"][frame][y, x] == 0) & np.isfinite(depth) & (depth > 0)
+    x, y, depth = x[known], y[known], depth[known]
+    rays = np.stack([(x - camera[0, 2]) / camera[0, 0], (y - camera[1, 2]) / camera[1, 1], np.ones_like(depth)])
+    moved = move[:3, :3] @ (rays * depth) + move[:3, 3:]
+    seconds = (times[frame + 1] - times[frame]) * 1e-6
+    to_x = moved[0] / moved[2] * camera[0, 0] + camera[0, 2]
+    to_y = moved[1] / moved[2] * camera[1, 1] + camera[1, 2]
+    return x, y, np.stack([to_x - x, to_y - y], axis=-1) / seconds
+
+
+def relative_speed(data: Any, time: int) -> float:
+    """Median speed of the objects against the background around them, px/s; 150 where none is seen."""
+    times, masks = data["gt_t"], data["gt_mask"]
+    frame = int(np.clip(np.searchsorted(times, time), 2, len(times) - 3))
+    x, y, flow = background_flow(data, frame)
+    speeds = []
+    for label in np.unique(masks[frame - 2 : frame + 3]):
+        places = [np.argwhere(masks[f] == label) for f in (frame - 2, frame + 2)]
+        if label <= 0 or min(map(len, places)) < 30:
+            continue
+        first, last = (place.mean(axis=0)[::-1] for place in places)
+        velocity = (last - first) / ((times[frame + 2] - times[frame - 2]) * 1e-6)
+        middle = (first + last) / 2
+        weight = np.exp(-((x - middle[0]) ** 2 + (y - middle[1]) ** 2) / (2 * 40.0**2)) + 1e-6
+        speeds.append(float(np.linalg.norm(velocity - weight @ flow / weight.sum())))
+    return max(1.0, float(np.median(speeds))) if speeds else 150.0
+
+
+def examples_of(path: Path) -> list[Example]:
+    data = dict(np.load(path))
+    t, size = data["t"], {"width": int(data["width"]), "height": int(data["height"])}
+    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest"))
+    random = np.random.default_rng(sum(path.name.encode()))
+    examples = []
+    for place in np.linspace(0.06, 0.9, WINDOWS):
+        begin = t[0] + place * (t[-1] - t[0])
+        duration = DISPLACEMENT / relative_speed(data, begin) * random.uniform(0.6, 2)
+        first, last = np.searchsorted(t, [begin, begin + 1e6 * np.clip(duration, 0.008, 0.15)])
+        last = min(last, first + 300_000)
+        if last - first < 500:
+            continue
+        events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), **size)
+        found = segmenter.segment(events)
+        tracker = Tracker(**size)
+        groups, _ = tracker._split(events, found.labels, found.models, found.t_ref)
+        parts = [p for p in scene.find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]
+        if not parts:
+            continue
+        seconds = 1e-6 * max(1, int(events.t[-1] - events.t[0]))
+
+        def loss(own_events: Any, own: Any, other: Any, offsets: Any, f: Any = found, s: float = seconds) -> Any:
+            return segmenter._motion_losses(own_events, own, other, offsets, t_ref=f.t_ref, duration=s)
+
+        window = scene.Window(events, seconds, loss, None)
+        owners = data["label"][first:last].astype(np.int16)
+        large = sorted(range(len(parts)), key=lambda k: -parts[k].area)[:4]
+        part_of_event = np.full(len(events), -1, np.int16)
+        for k, part in enumerate(parts):
+            part_of_event[part.own] = k
+        examples.append(
+            Example(
+                path.stem,
+                np.array([scene.appearance(part, window) for part in parts]),
+                {
+                    b: np.array([scene.motion_against(p, parts[b] if b >= 0 else None, window) for p in parts])
+                    for b in [-1, *large]
+                },
+                [part.area for part in parts],
+                [len(part.own) for part in parts],
+                np.array([(owners[p.own] > 0).sum() * 2 > (owners[p.own] >= 0).sum() for p in parts]),
+                owners,
+                part_of_event,
+            )
+        )
+    return examples
+
+
+def train(features: Array, moving: Array, weight: Array, *, hidden: int = 6, decay: float = 3e-3) -> scene.Perceptron:
+    """Least mean logistic loss, weights decaying; deterministic."""
+    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-3
+    z, sign, weight = (features - mean) / scale, 2 * moving - 1, weight / weight.sum()
+    n = z.shape[1]
+    cuts = np.cumsum([n * hidden, hidden, hidden])
+    random = np.random.default_rng(0)
+    start = np.concatenate([random.normal(0, 0.3, n * hidden), np.zeros(hidden), random.normal(0, 0.3, hidden), [0]])
+
+    def objective(values: Array) -> tuple[float, Array]:
+        flat, bias, out, level = np.split(values, cuts)
+        inner = flat.reshape(n, hidden)
+        active = np.tanh(z @ inner + bias)
+        logit = active @ out + level[0]
+        value = weight @ np.logaddexp(0, -sign * logit) + decay * ((inner**2).sum() + (out**2).sum())
+        slope = -weight * sign / (1 + np.exp(np.clip(sign * logit, -50, 50)))
+        back = np.outer(slope, out) * (1 - active**2)
+        gradient = [(z.T @ back + 2 * decay * inner).ravel(), back.sum(axis=0), active.T @ slope + 2 * decay * out]
+        return float(value), np.concatenate([*gradient, [slope.sum()]])
+
+    solution = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": 400}).x
+    flat, bias, out, level = np.split(solution, cuts)
+    return scene.Perceptron(mean, scale, flat.reshape(n, hidden), bias, out, float(level[0]))
+
+
+def chosen_background(example: Example, classifier: scene.Perceptron) -> int:
+    still = 1 / (1 + np.exp(np.clip(classifier(example.appearance), -50, 50)))
+    best, score = -1, 0.0
+    for k in example.against:
+        if k >= 0 and example.areas[k] >= 0.03 and still[k] >= 0.25 and example.areas[k] ** 0.5 * still[k] > score:
+            best, score = k, example.areas[k] ** 0.5 * still[k]
+    return best
+
+
+def both_features(example: Example, classifier: scene.Perceptron) -> Array:
+    return np.hstack([example.appearance, example.against[chosen_background(example, classifier)]])
+
+
+def train_both(examples: list[Example]) -> tuple[scene.Perceptron, scene.Perceptron]:
+    moving = np.concatenate([e.moving for e in examples]).astype(np.float64)
+    # A window counts once, its parts by the root of their events.
+    weight = np.concatenate([np.sqrt(e.sizes) / np.sqrt(e.sizes).sum() for e in examples])
+    first = train(np.concatenate([e.appearance for e in examples]), moving, weight)
+    return first, train(np.concatenate([both_features(e, first) for e in examples]), moving, weight)
+
+
+def score(examples: list[Example], classifiers: tuple[scene.Perceptron, scene.Perceptron]) -> dict[str, Array]:
+    """Moving IoU as classified and at best, mean by recording."""
+    figures: dict[str, list[list[float]]] = {}
+    for example in examples:
+        if (example.owners > 0).sum() < 200:
+            continue
+        judged = classifiers[1](both_features(example, classifiers[0])) > 0
+        row = []
+        for moving in (judged, example.moving):
+            labels = np.where(example.part_of_event >= 0, moving[example.part_of_event], 0).astype(np.int32)
+            row.append(event_moving_iou(example.owners, labels))
+        figures.setdefault(example.recording, []).append(row)
+    return {name: np.nanmean(rows, axis=0) for name, rows in figures.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", type=Path, nargs="+", help="folders of simulated recordings")
+    parser.add_argument("--out", type=Path, help="file of weights; none: only report")
+    parser.add_argument("--test", type=Path, nargs="*", default=[], help="folders to report on only")
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments = parser.parse_args()
+
+    def read(folders: list[Path]) -> list[Example]:
+        files = sorted(path for folder in folders for path in folder.rglob("*.npz"))
+        with ProcessPoolExecutor(arguments.jobs) as pool:
+            return [example for found in pool.map(examples_of, files) for example in found]
+
+    examples = read(arguments.clips)
+    names = sorted({e.recording for e in examples})
+    halves = [[e for e in examples if names.index(e.recording) % 2 == half] for half in (0, 1)]
+    held_out = [score(halves[1 - h], train_both(halves[h])) for h in (0, 1)]
+    both = np.array([row for figures in held_out for row in figures.values()])
+    print(f"{len(examples)} windows; other half's recordings: judged {both[:, 0].mean():.3f}, at best {both[:, 1].mean():.3f}")
+    classifiers = train_both(examples)
+    if arguments.test:
+        figures = score(read(arguments.test), classifiers)
+        for name, row in figures.items():
+            print(f"{name:28s} judged {row[0]:.2f}, at best {row[1]:.2f}")
+        print("mean", np.mean(list(figures.values()), axis=0).round(3))
+    if arguments.out:
+        weights = {
+            name: {
+                field: np.round(getattr(c, field), 5).tolist()
+                for field in ("mean", "scale", "hidden", "bias", "out", "level")
+            }
+            for name, c in zip(("appearance", "motion"), classifiers, strict=True)
+        }
+        arguments.out.write_text(json.dumps(weights) + "\n")
+
+
+if __name__ == "__main__":
+    main()
