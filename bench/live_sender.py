@@ -22,7 +22,7 @@ WIDTH, HEIGHT = 346, 260
 STEP_US = 2_500  # a packet's time
 CYCLE_STEPS = 80
 SPEED = 300.0  # px/s
-DRAIN_S = 0.5  # dv-processing's reader (2.0.4) drops what waits in it when the other end closes
+DRAIN_S = 1.0  # dv-processing's reader (2.0.4) drops what waits in it when the other end closes
 EVENT = np.dtype(
     {
         "names": ["t", "x", "y", "p"],

@@ -92,7 +92,7 @@ def examples_of(path: Path) -> list[Example]:
         if last - first < 500:
             continue
         events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), **size)
-        found = segmenter.segment(events)
+        found = segmenter.find_motions(events)
         tracker = Tracker(**size)
         groups, _ = tracker._split(events, found.labels, found.models, found.t_ref)
         parts = [p for p in scene.find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]

@@ -1,5 +1,6 @@
 #include <pybind11/stl.h>
 
+#include "emseg/adaptive_window.hpp"
 #include "emseg/segmenter.hpp"
 #include "numpy_views.hpp"
 

@@ -242,14 +242,26 @@ class Segmenter:
         Raises:
             ValueError: the events' sensor is not this segmenter's.
         """
-        self._check_sensor(events)
-        found = self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+        found = self.find_motions(events, pool=pool, candidates=candidates, t_ref=t_ref)
         if self.config.background == "widest":
             return found
-        objects = self._tracker().assign(found.events, found.labels, found.models, found.t_ref)
+        objects = self.tracker().assign(found.events, found.labels, found.models, found.t_ref)
         return found.relabelled(objects, start=0)
 
-    def _tracker(self) -> Tracker:
+    def find_motions(
+        self,
+        events: EventArray,
+        *,
+        pool: Sequence[MotionModel] = (),
+        candidates: Sequence[MotionModel] = (),
+        t_ref: int | None = None,
+    ) -> Segmentation:
+        """As `segment`, but labels are motions: label 0 is the most widely spread, and no part is judged."""
+        self._check_sensor(events)
+        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+
+    def tracker(self) -> Tracker:
+        """What makes objects of the motions of successive windows."""
         judged = self.config.background == "scene"
         return Tracker(self.width, self.height, self.camera, self._motion_losses if judged else None)
 
@@ -338,7 +350,7 @@ class Segmenter:
         Raises:
             ValueError: the events' sensor is not this segmenter's, or chunks overlap in time.
         """
-        tracker = self._tracker()
+        tracker = self.tracker()
         buffer = EventBuffer(events, width=self.width, height=self.height)
         for start, found in self._segment_windows(buffer):
             yield found.relabelled(

@@ -174,7 +174,7 @@ class LiveSegmenter:
         starter = threading.Thread(target=self._start_windows, args=(tasks,), name="emseg-start", daemon=True)
         receiver.start()
         starter.start()
-        tracker = Tracker(*self._source.size)
+        tracker = self._windows.tracker()
         try:
             while (task := tasks.get()) is not None:
                 if isinstance(task, BaseException):
@@ -277,7 +277,7 @@ class LiveSegmenter:
     def _finish(self, task: _Task, tracker: Tracker) -> LiveWindow:
         """Number the objects, count the events, and note how long it all took."""
         found, _ = task.future.result()
-        labels, models = tracker.assign(found.events, found.labels, found.models, found.t_ref, self._camera)
+        objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
         figures, window = self.figures, task.window
         start = figures.labelled
         latency = time.monotonic() - self._queue.arrival(int(window.t[-1]))
@@ -294,7 +294,7 @@ class LiveSegmenter:
         figures.received = self._queue.received
         return LiveWindow(
             number=figures.windows - 1,
-            segmentation=found.relabelled(labels, models, start=start),
+            segmentation=found.relabelled(objects, start=start),
             t_first=int(window.t[0]),
             t_last=int(window.t[-1]),
             events=len(window),
@@ -310,5 +310,5 @@ def _timed_segment(
     engine: Segmenter, window: EventArray, candidates: Sequence[MotionModel]
 ) -> tuple[Segmentation, float]:
     began = time.perf_counter()
-    found = engine.segment(window, candidates=candidates)
+    found = engine.find_motions(window, candidates=candidates)
     return found, time.perf_counter() - began

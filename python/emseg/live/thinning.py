@@ -21,7 +21,10 @@ FIRST_RATE: Final = 400_000.0
 """Events a second that are counted on before any were done."""
 
 _LOAD: Final = 0.85  # share of the time that is planned with
-_MEMORY: Final = 0.7  # share of the measured rate that is kept with each new window
+# Share of the rate so far that is kept with each new window: what is too slow must be met at once, what is
+# faster than thought may be chance.
+_MEMORY_OF_FASTER: Final = 0.3
+_MEMORY_OF_SLOWER: Final = 0.7
 
 
 def even_sample(count: int, kept: int) -> npt.NDArray[np.intp]:
@@ -47,4 +50,6 @@ class Thinning:
 
     def note(self, count: int, seconds: float) -> None:
         """Take into account that `count` events took some time, s."""
-        self.rate = _MEMORY * self.rate + (1 - _MEMORY) * count / max(seconds, 1e-6)
+        rate = count / max(seconds, 1e-6)
+        memory = _MEMORY_OF_FASTER if rate < self.rate else _MEMORY_OF_SLOWER
+        self.rate = memory * self.rate + (1 - memory) * rate
