@@ -20,7 +20,7 @@ __all__ = ["ContrastMeasure", "MotionKind", "MotionModel", "fit_motion", "iwe", 
 MotionKind = Literal["translation", "rotation", "similarity", "affine", "homography"]
 ContrastMeasure = Literal["variance", "mean_square", "gradient_magnitude"]
 
-_KEPT_EVENTS: Final = 100_000  # of a fit whose memory is kept for the next: some 4 MB beside its images
+_KEPT_EVENTS: Final = 100_000  # of a fit whose memory, 12 bytes an event and images, is kept for the next
 
 
 class _Memory(threading.local):
