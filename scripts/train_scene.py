@@ -26,8 +26,8 @@ from emseg.metrics import event_moving_iou
 from emseg.tracking import Tracker
 
 Array = npt.NDArray[np.float64]
-WINDOWS = 9
-DISPLACEMENT = 6.0  # px of objects against the background, times .6 to 2
+WINDOWS = 10
+DISPLACEMENT = 8.0  # px of objects against the background, times .5 to 2
 
 
 @dataclass
@@ -81,13 +81,13 @@ def relative_speed(data: Any, time: int) -> float:
 def examples_of(path: Path) -> list[Example]:
     data = dict(np.load(path))
     t, size = data["t"], {"width": int(data["width"]), "height": int(data["height"])}
-    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest"))
+    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest", hybrid_model_combination="affine"))
     random = np.random.default_rng(sum(path.name.encode()))
     examples = []
     for place in np.linspace(0.06, 0.9, WINDOWS):
         begin = t[0] + place * (t[-1] - t[0])
-        duration = DISPLACEMENT / relative_speed(data, begin) * random.uniform(0.6, 2)
-        first, last = np.searchsorted(t, [begin, begin + 1e6 * np.clip(duration, 0.008, 0.15)])
+        duration = DISPLACEMENT / relative_speed(data, begin) * random.uniform(0.5, 2)
+        first, last = np.searchsorted(t, [begin, begin + 1e6 * np.clip(duration, 0.01, 0.15)])
         last = min(last, first + 300_000)
         if last - first < 500:
             continue

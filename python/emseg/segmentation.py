@@ -22,6 +22,7 @@ from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
 from emseg.motion import MotionModel, iwe, warp
 from emseg.tracking import BOX_DTYPE, Objects, Tracker, bounding_box
+from emseg.window_length import FIRST_TRIAL_US, next_duration
 
 __all__ = ["Segmentation", "Segmenter", "segment"]
 
@@ -40,7 +41,7 @@ _KINDS: Final[dict[str, list[str]]] = {
 }
 
 # Windows in a row whose length follows from the motions found in the last one.
-_WINDOWS_ON_TRUST: Final = 8
+_TRIALS: Final = 5
 
 _WINDOWS_AT_A_TIME: Final = 2
 
@@ -139,6 +140,11 @@ class Segmentation:
         other.parts, other.part_models = objects.parts, objects.part_models
         other.start, other.stop = start, start + len(objects.labels)
         return other
+
+    @property
+    def duration(self) -> int:
+        """From the first event to the last, µs; at least 1."""
+        return max(1, int(self.events.t[-1] - self.events.t[0])) if len(self.events) else 1
 
     def model_of(self, label: int) -> MotionModel:
         """The motion of a label.
@@ -350,43 +356,55 @@ class Segmenter:
         Raises:
             ValueError: the events' sensor is not this segmenter's, or chunks overlap in time.
         """
-        tracker = self.tracker()
         buffer = EventBuffer(events, width=self.width, height=self.height)
-        for start, found in self._segment_windows(buffer):
-            yield found.relabelled(
-                tracker.assign(found.events, found.labels, found.models, found.t_ref), start=start
-            )
-
-    def _segment_windows(self, buffer: EventBuffer) -> Iterator[tuple[int, Segmentation]]:
-        """Windows in order, with their first event; labels as `segment` gives them.
-
-        Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
-        found, whatever the number of threads, so that the labels do not depend on it.
-        """
+        tracker = self.tracker()
+        wanted = self._first_duration(buffer)
         threads = self.config.threads or len(os.sched_getaffinity(0))
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
+        known: Sequence[MotionModel] = ()
+        # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one found,
+        # whatever the number of threads, so that the labels do not depend on it.
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
-            for count in itertools.count():
+            while True:
                 done = None
                 if len(running) == _WINDOWS_AT_A_TIME:
-                    begin, future = running.popleft()
-                    done = begin, future.result()
-                known = done[1] if done else None
-                # Motions that were found wrong would keep the windows wrong: now and then judge afresh.
-                trusted = known if count % _WINDOWS_ON_TRUST else None
-                window = buffer.take(self.window_size(buffer, trusted.next_duration if trusted else None))
+                    start, future = running.popleft()
+                    found = future.result()
+                    known = found.models
+                    objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
+                    if wanted is not None:
+                        wanted = next_duration(found.duration, objects)
+                    done = found.relabelled(objects, start=start)
+                window = buffer.take(self.window_size(buffer, wanted))
                 if len(window):
-                    candidates = known.models if known else ()
-                    task = executor.submit(self._segment_by, next(engines), window, candidates=candidates)
+                    task = executor.submit(self._segment_by, next(engines), window, candidates=known)
                     running.append((buffer.taken - len(window), task))
-                if done:
+                if done is not None:
                     yield done
                 elif not len(window):
                     break
-            for begin, future in running:
-                yield begin, future.result()
+            for start, future in running:
+                found = future.result()
+                objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
+                yield found.relabelled(objects, start=start)
+
+    def _first_duration(self, buffer: EventBuffer) -> int | None:
+        """How long the first window is to last, µs, by trying; None where windows have no duration of their own."""
+        if self.config.num_events_per_image is not None or self.config.window_duration is not None:
+            return None
+        wanted = FIRST_TRIAL_US
+        for _ in range(_TRIALS):
+            size = self.window_size(buffer, wanted)
+            if not size:
+                return None
+            found = self.find_motions(buffer.look_ahead(count=size)[:size])
+            objects = self.tracker().assign(found.events, found.labels, found.models, found.t_ref)
+            tried, wanted = found.duration, next_duration(found.duration, objects)
+            if 0.7 * wanted < tried < 1.4 * wanted:
+                break
+        return wanted
 
     def window_size(self, buffer: EventBuffer, duration_us: int | None = None) -> int:
         """How many of the events to come the next window takes; 0 where none is left.

@@ -147,12 +147,16 @@ class Objects:
         models: One per label, the background's first; an object's is that of its largest part.
         parts: int32 (n,): as labels, with a number of its own for every part that moves by itself.
         part_models: One per part, the background's first.
+        flows: Displacement of every moving part against the background over the window, px, and its events.
+        background_flow: Displacement of the background at the middle of the sensor, px.
     """
 
     labels: npt.NDArray[np.int32]
     models: list[MotionModel]
     parts: npt.NDArray[np.int32]
     part_models: list[MotionModel]
+    flows: list[tuple[npt.NDArray[np.float64], int]]
+    background_flow: npt.NDArray[np.float64]
 
 
 class Tracker:
@@ -209,7 +213,9 @@ class Tracker:
 
         numbers = [track.number if track else 0 for track in seen]
         by_object = self._number(objects, numbers, [len(part.own) for part in parts])
-        found = _paint(labels, crumbs, parts, objects, by_object, still_model, moving)
+        by_part = [(flows[k], len(parts[k].own)) for k in moving]
+        along = window.displacement(still_model, events.width / 2, events.height / 2)
+        found = Objects(*_paint(labels, crumbs, parts, objects, by_object, still_model, moving), by_part, along)
         for k, part in enumerate(parts):
             if part is not background:
                 velocity = window.displacement(part.model, *part.centre) / window.duration
@@ -299,8 +305,8 @@ def _paint(
     numbers: Sequence[int],
     background: MotionModel,
     moving: Sequence[int],
-) -> Objects:
-    """Labels and models of the objects of a window."""
+) -> tuple[npt.NDArray[np.int32], list[MotionModel], npt.NDArray[np.int32], list[MotionModel]]:
+    """Labels and models of the objects of a window, and of their parts."""
     by_object = np.where(labels > 0, 0, labels).astype(np.int32)
     crumb_of_moving = {parts[k].model.label for k in moving}
     for crumb in crumbs:
@@ -316,7 +322,7 @@ def _paint(
             part_models.append(MotionModel(parts[k].model.kind, parts[k].model.params, len(part_models)))
         main = parts[own[0]].model
         models.append(MotionModel(main.kind, main.params, number))
-    return Objects(by_object, models, by_part, part_models)
+    return by_object, models, by_part, part_models
 
 
 def _one_body(a: Part, flow_a: npt.NDArray[np.float64], b: Part, flow_b: npt.NDArray[np.float64]) -> bool:
