@@ -37,6 +37,7 @@ class Example:
     recording: str
     appearance: Array
     against: dict[int, Array]  # by part; -1 for none
+    against_scene: Array | None  # against all that truly stands still
     areas: list[float]
     sizes: list[int]
     moving: npt.NDArray[np.bool_]
@@ -81,7 +82,7 @@ def relative_speed(data: Any, time: int) -> float:
 def examples_of(path: Path) -> list[Example]:
     data = dict(np.load(path))
     t, size = data["t"], {"width": int(data["width"]), "height": int(data["height"])}
-    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest", hybrid_model_combination="affine"))
+    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest"))
     random = np.random.default_rng(sum(path.name.encode()))
     examples = []
     for place in np.linspace(0.06, 0.9, WINDOWS):
@@ -109,6 +110,13 @@ def examples_of(path: Path) -> list[Example]:
         part_of_event = np.full(len(events), -1, np.int16)
         for k, part in enumerate(parts):
             part_of_event[part.own] = k
+        moving = np.array([(owners[p.own] > 0).sum() * 2 > (owners[p.own] >= 0).sum() for p in parts])
+        still = [p for p, moves in zip(parts, moving, strict=True) if not moves]
+        scene_features = None
+        if still:
+            flow = scene.still_motion(still, window)
+            largest = max(still, key=lambda p: p.area)
+            scene_features = np.array([scene.motion_against(p, largest, window, flow) for p in parts])
         examples.append(
             Example(
                 path.stem,
@@ -117,9 +125,10 @@ def examples_of(path: Path) -> list[Example]:
                     b: np.array([scene.motion_against(p, parts[b] if b >= 0 else None, window) for p in parts])
                     for b in [-1, *large]
                 },
+                scene_features,
                 [part.area for part in parts],
                 [len(part.own) for part in parts],
-                np.array([(owners[p.own] > 0).sum() * 2 > (owners[p.own] >= 0).sum() for p in parts]),
+                moving,
                 owners,
                 part_of_event,
             )
@@ -165,23 +174,34 @@ def both_features(example: Example, classifier: scene.Perceptron) -> Array:
     return np.hstack([example.appearance, example.against[chosen_background(example, classifier)]])
 
 
-def train_both(examples: list[Example]) -> tuple[scene.Perceptron, scene.Perceptron]:
-    moving = np.concatenate([e.moving for e in examples]).astype(np.float64)
-    # A window counts once, its parts by the root of their events.
-    weight = np.concatenate([np.sqrt(e.sizes) / np.sqrt(e.sizes).sum() for e in examples])
-    first = train(np.concatenate([e.appearance for e in examples]), moving, weight)
-    return first, train(np.concatenate([both_features(e, first) for e in examples]), moving, weight)
+Classifiers = tuple[scene.Perceptron, scene.Perceptron, scene.Perceptron]
 
 
-def score(examples: list[Example], classifiers: tuple[scene.Perceptron, scene.Perceptron]) -> dict[str, Array]:
-    """Moving IoU as classified and at best, mean by recording."""
+def train_all(examples: list[Example]) -> Classifiers:
+    def columns(chosen: list[Example]) -> tuple[Array, Array]:
+        moving = np.concatenate([e.moving for e in chosen]).astype(np.float64)
+        # A window counts once, its parts by the root of their events.
+        return moving, np.concatenate([np.sqrt(e.sizes) / np.sqrt(e.sizes).sum() for e in chosen])
+
+    first = train(np.concatenate([e.appearance for e in examples]), *columns(examples))
+    second = train(np.concatenate([both_features(e, first) for e in examples]), *columns(examples))
+    known = [e for e in examples if e.against_scene is not None]
+    third = train(np.concatenate([np.hstack([e.appearance, e.against_scene]) for e in known]), *columns(known))
+    return first, second, third
+
+
+def score(examples: list[Example], classifiers: Classifiers) -> dict[str, Array]:
+    """Moving IoU by one part's motion, by that of all that truly stands still, and at best; mean by recording."""
     figures: dict[str, list[list[float]]] = {}
     for example in examples:
         if (example.owners > 0).sum() < 200:
             continue
-        judged = classifiers[1](both_features(example, classifiers[0])) > 0
+        by_part = classifiers[1](both_features(example, classifiers[0])) > 0
+        by_scene = by_part
+        if example.against_scene is not None:
+            by_scene = classifiers[2](np.hstack([example.appearance, example.against_scene])) > 0
         row = []
-        for moving in (judged, example.moving):
+        for moving in (by_part, by_scene, example.moving):
             labels = np.where(example.part_of_event >= 0, moving[example.part_of_event], 0).astype(np.int32)
             row.append(event_moving_iou(example.owners, labels))
         figures.setdefault(example.recording, []).append(row)
@@ -204,14 +224,15 @@ def main() -> None:
     examples = read(arguments.clips)
     names = sorted({e.recording for e in examples})
     halves = [[e for e in examples if names.index(e.recording) % 2 == half] for half in (0, 1)]
-    held_out = [score(halves[1 - h], train_both(halves[h])) for h in (0, 1)]
+    held_out = [score(halves[1 - h], train_all(halves[h])) for h in (0, 1)]
     both = np.array([row for figures in held_out for row in figures.values()])
-    print(f"{len(examples)} windows; other half's recordings: judged {both[:, 0].mean():.3f}, at best {both[:, 1].mean():.3f}")
-    classifiers = train_both(examples)
+    print("moving IoU by a part, by the scene, at best")
+    print(f"{len(examples)} windows; other half's recordings: {both.mean(axis=0).round(3)}")
+    classifiers = train_all(examples)
     if arguments.test:
         figures = score(read(arguments.test), classifiers)
         for name, row in figures.items():
-            print(f"{name:28s} judged {row[0]:.2f}, at best {row[1]:.2f}")
+            print(f"{name:28s}", row.round(2))
         print("mean", np.mean(list(figures.values()), axis=0).round(3))
     if arguments.out:
         weights = {
@@ -219,7 +240,7 @@ def main() -> None:
                 field: np.round(getattr(c, field), 5).tolist()
                 for field in ("mean", "scale", "hidden", "bias", "out", "level")
             }
-            for name, c in zip(("appearance", "motion"), classifiers, strict=True)
+            for name, c in zip(("appearance", "part", "scene"), classifiers, strict=True)
         }
         arguments.out.write_text(json.dumps(weights) + "\n")
 

@@ -39,6 +39,8 @@ __all__ = [
 MIN_EVENTS: Final = 30
 """Of a part: what is smaller is not judged."""
 
+_SURELY_STILL: Final = -1.0  # logit
+
 STILL: Final = MotionModel("translation", (0.0, 0.0))
 
 _TILE: Final = 16  # px
@@ -161,6 +163,62 @@ class Window:
         return result
 
 
+    def displacements(self, model: MotionModel, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """As `displacement`, of places (n, 2): (n, 2)."""
+        size = np.array([self.events.width, self.events.height])
+        pixels = np.clip(np.rint(places), 0, size - 1).astype(np.uint16)
+        n = len(pixels)
+        both = EventArray(
+            np.tile(pixels[:, 0], 2),
+            np.tile(pixels[:, 1], 2),
+            np.repeat([0, 1000], n),
+            np.zeros(2 * n, np.uint8),
+            width=self.events.width,
+            height=self.events.height,
+        )
+        moved = warp(both, model, 0, camera=self.camera).astype(np.float64)
+        result: npt.NDArray[np.float64] = (moved[:n] - moved[n:]) * 1e3 * self.duration
+        return result
+
+
+def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
+    """One planar motion for all of several parts that stand still, each weighing by its area.
+
+    A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the image's
+    coordinates.  They are fitted to the displacements of the parts at their tiles by least squares with Cauchy weights.
+    """
+    events = window.events
+    places, flows = [], []
+    for part in parts:
+        y, x = np.nonzero(part.tiles)
+        at = (np.column_stack([x, y]) + 0.5) * _TILE
+        at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
+        places.append(at)
+        flows.append(window.displacements(part.model, at))
+    weight = np.concatenate([np.full(len(at), (part.area + 1e-3) / len(at)) for at, part in zip(places, parts, strict=True)])
+    flow = np.concatenate(flows)
+    r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
+    f0 = max(events.width, events.height)
+    one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
+    terms = np.stack(
+        [
+            np.column_stack([one, zero, x, y, zero, zero, x * x / f0, x * y / f0]),
+            np.column_stack([zero, one, zero, zero, x, y, x * y / f0, y * y / f0]),
+        ]
+    )
+    # What few tiles leave open stays near no shear and no perspective.
+    calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
+    robust = np.ones(len(r))
+    for _ in range(4):
+        scale = np.sqrt(weight / weight.sum() * robust)
+        rows = np.concatenate([terms[0] * scale[:, None], terms[1] * scale[:, None], calm])
+        values = np.concatenate([flow[:, 0] * scale, flow[:, 1] * scale, np.zeros(8)])
+        fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
+        error = np.linalg.norm(np.stack([terms[0] @ fitted, terms[1] @ fitted], axis=-1) - flow, axis=1)
+        robust = 1 / (1 + (error / 2) ** 2)
+    return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
+
+
 def appearance(part: Part, window: Window) -> Features:
     """What a part is by itself: size, place, and what it loses by standing still."""
     events = window.events
@@ -192,10 +250,16 @@ def appearance(part: Part, window: Window) -> Features:
     )
 
 
-def motion_against(part: Part, background: Part | None, window: Window) -> Features:
-    """What a part loses by moving as the background, or near it; None: the background stands still unseen."""
-    reference = STILL if background is None else background.model
-    if background is part:
+def motion_against(
+    part: Part, background: Part | None, window: Window, reference: MotionModel | None = None
+) -> Features:
+    """What a part loses by moving as the background, or near it; None: the background stands still unseen.
+
+    `reference` is the background's motion, that of the part taken for it unless given.
+    """
+    if reference is None:
+        reference = STILL if background is None else background.model
+    if reference is part.model:
         lost = [0.0] * len(_RING)
     else:
         lost = window.loss(_some_events(window.events, part), part.model, reference, _RING)
@@ -246,15 +310,15 @@ class Perceptron:
 
 
 @cache
-def _classifiers() -> tuple[Perceptron, Perceptron]:
-    """By appearance alone, and with the motion against the background."""
+def _classifiers() -> tuple[Perceptron, Perceptron, Perceptron]:
+    """By appearance alone, with the motion against one part, and with that against all that stands still."""
     text = resources.files("emseg").joinpath("data/scene_classifiers.json").read_text()
     weights = json.loads(text)
-    first, second = (
+    first, second, third = (
         Perceptron(**{name: np.array(v) if isinstance(v, list) else v for name, v in weights[which].items()})
-        for which in ("appearance", "motion")
+        for which in ("appearance", "part", "scene")
     )
-    return first, second
+    return first, second, third
 
 
 def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
@@ -267,12 +331,23 @@ def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
     return best[1]
 
 
-def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None]:
-    """How likely each part is to move by itself, as logits, and the part taken for the background."""
+def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
+    """How likely each part is to move by itself, as logits; the part taken for the background; and its motion.
+
+    The camera comes first: what surely stands still by one part's motion gives the motion of all, against which
+    every part is held again.
+    """
     if not parts:
-        return np.empty(0), None
-    by_appearance, by_motion = _classifiers()
+        return np.empty(0), None, STILL
+    by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
     background = choose_background(parts, by_appearance(own))
+    if background is None:
+        against = np.array([motion_against(part, None, window) for part in parts])
+        return by_part(np.hstack([own, against])), None, STILL
     against = np.array([motion_against(part, background, window) for part in parts])
-    return by_motion(np.hstack([own, against])), background
+    logits = by_part(np.hstack([own, against]))
+    still = [p for p, logit in zip(parts, logits, strict=True) if logit < _SURELY_STILL or p is background]
+    reference = still_motion(still, window)
+    against = np.array([motion_against(part, background, window, reference) for part in parts])
+    return by_scene(np.hstack([own, against])), background, reference

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from emseg.camera import Camera
 from emseg.events import EventArray
 from emseg.motion import MotionModel, warp
-from emseg.scene import STILL, Part, Window, find_parts, moving_logits
+from emseg.scene import Part, Window, find_parts, moving_logits
 
 __all__ = ["BOX_DTYPE", "Objects", "Tracker", "bounding_box"]
 
@@ -196,10 +196,9 @@ class Tracker:
         window = Window(events, duration, loss, self._camera)
         if self._loss is None:
             logits = np.array([np.inf if part.model.label else -np.inf for part in parts])
-            background = None
+            background, still_model = None, models[0]
         else:
-            logits, background = moving_logits(parts, window)
-        still_model = models[0] if self._loss is None else STILL if background is None else background.model
+            logits, background, still_model = moving_logits(parts, window)
 
         boxes = [bounding_box(warp(events[p.own], p.model, t_ref, camera=self._camera)) for p in parts]
         seen = self._match(boxes, [part is background for part in parts], t_ref)
