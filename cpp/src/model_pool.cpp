@@ -335,14 +335,14 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
   }
   search.choose();
   // What is small, or new since the last window, shows where the others are taken away.
-  if (!options.candidates.empty()) {
-    PoolOptions births = options;
-    births.search.max_lags = 2;
-    births.max_candidates = 16;
-    const Sample rest = search.unexplained();
-    search.add(propose_translations(rest.points.view(), rest.positive, tiles, plane, births, pool));
-    search.choose();
-  }
+  PoolOptions births = options;
+  births.search.max_lags = 2;
+  births.max_candidates = 24;
+  const Sample rest = search.unexplained();
+  auto small = overlapping_tiles(plane, options.tile / 2);
+  small.insert(small.end(), tiles.begin(), tiles.end());
+  search.add(propose_translations(rest.points.view(), rest.positive, small, plane, births, pool));
+  search.choose();
   // Coarse candidates stay in the race: better models free blocks that others explain.
   for (int round = 0; round < options.max_rounds; ++round) {
     const std::size_t before = search.candidate_count();

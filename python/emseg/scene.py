@@ -219,6 +219,26 @@ def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
     return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
 
 
+def _share_gone(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
+    """How far a part went within the window, as a share of what its motion says: about 1 if that is true.
+
+    The late events of what moves lie further along than the early ones.  An edge that nearly follows the columns of
+    pixels looks as if it moved along itself, fast, but stays where it is.  1/2 where too little motion tells.
+    """
+    speed = float(np.linalg.norm(along))
+    if speed < 5 or len(part.own) < 3 * 10:
+        return 0.5
+    own = part.own if len(part.own) <= 1500 else part.own[np.linspace(0, len(part.own) - 1, 1500).astype(np.intp)]
+    t = events.t[own]
+    place = (events.x[own] * along[0] + events.y[own] * along[1]) / speed
+    third = (t[-1] - t[0]) / 3
+    early, late = place[t < t[0] + third], place[t > t[-1] - third]
+    if min(len(early), len(late)) < 10:
+        return 0.5
+    gone = np.mean(np.quantile(late, (0.1, 0.5, 0.9)) - np.quantile(early, (0.1, 0.5, 0.9)))
+    return float(np.clip(gone / (speed * 2 / 3), -0.5, 1.5))
+
+
 def appearance(part: Part, window: Window) -> Features:
     """What a part is by itself: size, place, and what it loses by standing still."""
     events = window.events
@@ -231,7 +251,9 @@ def appearance(part: Part, window: Window) -> Features:
         + int(bottom > events.height - 1 - _BORDER)
     )
     (still,) = window.loss(_some_events(events, part), part.model, STILL, _RING[:1])
-    speed = float(np.linalg.norm(window.displacement(part.model, *part.centre)))
+    along = window.displacement(part.model, *part.centre)
+    speed = float(np.linalg.norm(along))
+    went = _share_gone(part, events, along)
     density = len(part.own) / max(1.0, float(part.tiles.sum()) * _TILE**2)
     return np.array(
         [
@@ -243,6 +265,8 @@ def appearance(part: Part, window: Window) -> Features:
             max(w, h) > 0.85,
             still,
             min(speed, 30.0) / 10,
+            went,
+            (1 - went) * min(speed, 30.0) / 10,
             np.log(density + 0.01),
             len(part.own) / len(events),
         ],

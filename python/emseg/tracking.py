@@ -24,6 +24,8 @@ MEMORY_US: Final = 300_000
 """How long a track that is not seen keeps its identity, µs."""
 
 _MEMORY: Final = 0.7  # share of the evidence of earlier windows that counts in the next
+_WENT: Final = 1.5  # weight of where a part went
+_TOLD_APART: Final = 8.0  # px between two windows, from which on that can be told
 _SURE: Final = 6.0  # logit beyond which evidence does not add up
 
 Box = tuple[float, float, float, float]
@@ -203,8 +205,8 @@ class Tracker:
         boxes = [bounding_box(warp(events[p.own], p.model, t_ref, camera=self._camera)) for p in parts]
         seen = self._match(boxes, [part is background for part in parts], t_ref)
         evidence = [
-            logit + (_MEMORY * track.evidence if track else 0.0)
-            for logit, track in zip(logits, seen, strict=True)
+            logit + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
+            for logit, box, track in zip(logits, boxes, seen, strict=True)
         ]
         moving = [k for k in range(len(parts)) if evidence[k] > 0 and parts[k] is not background]
         flows = {k: self._flow(parts[k], still_model, window) for k in moving}
@@ -294,6 +296,24 @@ class Tracker:
 
     def _remember(self, track: _Track, before: _Track | None) -> None:
         self._tracks = [known for known in self._tracks if known is not before] + [track]
+
+
+def _went(track: _Track, box: Box, window: Window, background: MotionModel, t_ref: int) -> float:
+    """Evidence that what was seen before has gone where its motion said, and not where the background went.
+
+    An edge along the columns of pixels can look as if it moved along itself, fast; but it stays.
+    """
+    seconds = (t_ref - track.seen) * 1e-6
+    x, y, w, h = track.box
+    before = np.array([x + w / 2, y + h / 2])
+    now = np.array([box[0] + box[2] / 2, box[1] + box[3] / 2])
+    own = before + track.velocity * seconds
+    still = before + window.displacement(background, float(before[0]), float(before[1])) / window.duration * seconds
+    apart = float(np.linalg.norm(own - still))
+    if apart < _TOLD_APART:
+        return 0.0
+    missed, stayed = float(np.linalg.norm(now - own)), float(np.linalg.norm(now - still))
+    return _WENT * float(np.log((stayed + 4) / (missed + 4)))
 
 
 def _paint(

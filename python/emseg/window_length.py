@@ -11,14 +11,15 @@ from emseg.tracking import Objects
 
 __all__ = ["FIRST_TRIAL_US", "next_duration"]
 
-FIRST_TRIAL_US: Final = 80_000
+FIRST_TRIAL_US: Final = 60_000
 """Duration that the first window of a recording is tried with."""
 
 _APART: Final = 10.0  # px that objects shall move against the background: enough to be told from it, and uniform
 _TOO_NEAR, _TOO_FAR = 5.0, 18.0  # px: a window in between is left as long as it is
 _SLOW_SHARE: Final = 0.3  # of the moving events, that may move less
+_ALONG_LEAST: Final = 4.0  # px that a moving background moves at least: its edges look false with less
 _ALONG_MOST: Final = 30.0  # px that the background shall move at the most
-_LONGEST_US: Final = 120_000
+_LONGEST_US: Final = 60_000
 _SHORTEST_US: Final = 2_000
 
 
@@ -37,5 +38,7 @@ def next_duration(duration_us: int, found: Objects) -> int:
         apart = max(1e-6, float(speeds[order[min(rank, len(order) - 1)]]))
         factor = 1.0 if _TOO_NEAR < apart < _TOO_FAR else _APART / apart
     along = max(1e-6, float(np.linalg.norm(found.background_flow)))
+    if 0.5 < along < _ALONG_LEAST:
+        factor = max(1.0, factor)
     wanted = duration_us * float(np.clip(min(factor, _ALONG_MOST / along), 0.5, 2.0))
     return round(float(np.clip(wanted, _SHORTEST_US, min(_LONGEST_US, _core.longest_window_us))))
