@@ -150,7 +150,7 @@ class Objects:
         parts: int32 (n,): as labels, with a number of its own for every part that moves by itself.
         part_models: One per part, the background's first.
         flows: Displacement of every moving part against the background over the window, px, and its events.
-        background_flow: Displacement of the background at the middle of the sensor, px.
+        background_flow: Displacement of the slowest larger part of the background, px.
     """
 
     labels: npt.NDArray[np.int32]
@@ -215,7 +215,7 @@ class Tracker:
         numbers = [track.number if track else 0 for track in seen]
         by_object = self._number(objects, numbers, [len(part.own) for part in parts])
         by_part = [(flows[k], len(parts[k].own)) for k in moving]
-        along = window.displacement(still_model, events.width / 2, events.height / 2)
+        along = self._slowest([p for k, p in enumerate(parts) if k not in flows], still_model, window)
         found = Objects(*_paint(labels, crumbs, parts, objects, by_object, still_model, moving), by_part, along)
         for k, part in enumerate(parts):
             if part is not background:
@@ -253,6 +253,16 @@ class Tracker:
                 if gain[i, j] > 0.1:
                     seen[rows[i]] = self._tracks[j]
         return seen
+
+    def _slowest(
+        self, still: Sequence[Part], background: MotionModel, window: Window
+    ) -> npt.NDArray[np.float64]:
+        """Displacement of the slowest of the larger parts that stand still: false motions are fast."""
+        least = 0.1 * sum(len(part.own) for part in still)
+        flows = [window.displacement(p.model, *p.centre) for p in still if len(p.own) >= least]
+        if not flows:
+            return window.displacement(background, window.events.width / 2, window.events.height / 2)
+        return min(flows, key=lambda flow: float(np.linalg.norm(flow)))
 
     def _flow(self, part: Part, background: MotionModel, window: Window) -> npt.NDArray[np.float64]:
         """Displacement of a part against the background, px."""
