@@ -289,14 +289,21 @@ def motion_against(
     else:
         lost = window.loss(_some_events(window.events, part), part.model, reference, _RING)
     own, other = (window.displacement(model, *part.centre) for model in (part.model, reference))
-    apart = float(np.linalg.norm(own - other))
+    apart, along = float(np.linalg.norm(own - other)), float(np.linalg.norm(other))
+    # A camera that moves sideways moves what is nearer further the same way.
+    ahead, aside = 0.0, apart
+    if along > 1:
+        ahead = float((own - other) @ other) / along
+        aside = float(np.sqrt(max(0.0, apart**2 - ahead**2)))
     return np.array(
         [
             lost[0],
             min(lost[:9]),
             min(lost),
             min(apart, 30.0) / 10,
-            min(float(np.linalg.norm(other)), 30.0) / 10,
+            min(along, 30.0) / 10,
+            float(np.clip(ahead, -20, 20)) / 10,
+            min(aside, 20.0) / 10,
             background is part,
             background is None,
             max(0.0, 1.2 - apart),

@@ -21,6 +21,7 @@ _ALONG_LEAST: Final = 4.0  # px that a moving background moves at least: its edg
 _ALONG_MOST: Final = 30.0  # px that the background shall move at the most
 _LONGEST_US: Final = 60_000
 _SHORTEST_US: Final = 2_000
+_CALM_US: Final = 25_000  # where the background moves little: shorter ones show false motions of edges
 
 
 def next_duration(duration_us: int, found: Objects) -> int:
@@ -41,4 +42,5 @@ def next_duration(duration_us: int, found: Objects) -> int:
     if 0.5 < along < _ALONG_LEAST:
         factor = max(1.0, factor)
     wanted = duration_us * float(np.clip(min(factor, _ALONG_MOST / along), 0.5, 2.0))
-    return round(float(np.clip(wanted, _SHORTEST_US, min(_LONGEST_US, _core.longest_window_us))))
+    shortest = _SHORTEST_US if along > _ALONG_MOST / 2 else _CALM_US
+    return round(float(np.clip(wanted, shortest, min(_LONGEST_US, _core.longest_window_us))))
