@@ -156,6 +156,14 @@ class Window:
 
     def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
         """Of what is at (x, y) px by a motion over the window, px."""
+        if model.kind in ("translation", "similarity"):  # what labels have, without the detour
+            velocity = np.array(model.params[:2], dtype=np.float64)
+            if model.kind == "similarity":
+                r = np.array([x - (self.events.width - 1) / 2, y - (self.events.height - 1) / 2])
+                gain, angle = 1 + model.params[2], model.params[3]
+                turned = [r[0] * np.cos(angle) - r[1] * np.sin(angle), r[0] * np.sin(angle) + r[1] * np.cos(angle)]
+                velocity = velocity + gain * np.array(turned) - r
+            return velocity * self.duration
         place = [min(max(round(v), 0), last - 1) for v, last in ((x, self.events.width), (y, self.events.height))]
         columns = {"width": self.events.width, "height": self.events.height}
         twice = EventArray([place[0]] * 2, [place[1]] * 2, [0, 1000], [0, 0], **columns)
@@ -236,7 +244,11 @@ def _share_gone(part: Part, events: EventArray, along: npt.NDArray[np.float64]) 
     early, late = place[t < t[0] + third], place[t > t[-1] - third]
     if min(len(early), len(late)) < 10:
         return 0.5
-    gone = np.mean(np.quantile(late, (0.1, 0.5, 0.9)) - np.quantile(early, (0.1, 0.5, 0.9)))
+    early.sort()
+    late.sort()
+    ranks = np.array([0.1, 0.5, 0.9])
+    first, last = (v[(ranks * (len(v) - 1)).astype(np.intp)] for v in (early, late))
+    gone = float((last - first).mean())
     return float(np.clip(gone / (speed * 2 / 3), -0.5, 1.5))
 
 

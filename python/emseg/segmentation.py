@@ -40,10 +40,13 @@ _KINDS: Final[dict[str, list[str]]] = {
     "auto": ["translation", "similarity", "affine"],
 }
 
-# Windows in a row whose length follows from the motions found in the last one.
+# Durations tried before the first window of a recording is taken.
 _TRIALS: Final = 5
 
 _WINDOWS_AT_A_TIME: Final = 2
+
+# Logit from which on a part of a lone window moves: no other window is there to find what this one misses.
+_ALONE: Final = -0.5
 
 
 def engine_options(config: Config) -> _core.SegmenterOptions:
@@ -251,8 +254,10 @@ class Segmenter:
         found = self.find_motions(events, pool=pool, candidates=candidates, t_ref=t_ref)
         if self.config.background == "widest":
             return found
-        objects = self.tracker().assign(found.events, found.labels, found.models, found.t_ref)
-        return found.relabelled(objects, start=0)
+        tracker = self.tracker(least_evidence=_ALONE)
+        return found.relabelled(
+            tracker.assign(found.events, found.labels, found.models, found.t_ref), start=0
+        )
 
     def find_motions(
         self,
@@ -266,10 +271,16 @@ class Segmenter:
         self._check_sensor(events)
         return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
 
-    def tracker(self) -> Tracker:
-        """What makes objects of the motions of successive windows."""
+    def tracker(self, *, least_evidence: float = 0.0) -> Tracker:
+        """What makes objects of the motions of successive windows; see Tracker."""
         judged = self.config.background == "scene"
-        return Tracker(self.width, self.height, self.camera, self._motion_losses if judged else None)
+        return Tracker(
+            self.width,
+            self.height,
+            self.camera,
+            self._motion_losses if judged else None,
+            least_evidence=least_evidence,
+        )
 
     def _motion_losses(
         self,

@@ -169,14 +169,22 @@ class Tracker:
         height: Height of the sensor, px.
         camera: The camera, if there is one.
         loss: The engine's, by which parts are held against the background; None: all labels above 0 move.
+        least_evidence: Logit from which on a part moves.
     """
 
     def __init__(
-        self, width: int, height: int, camera: Camera | None = None, loss: WindowLoss | None = None
+        self,
+        width: int,
+        height: int,
+        camera: Camera | None = None,
+        loss: WindowLoss | None = None,
+        *,
+        least_evidence: float = 0.0,
     ) -> None:
         self._gap = max(4, max(width, height) // 24)
         self._camera = camera
         self._loss = loss
+        self._least_evidence = least_evidence
         self._tracks: list[_Track] = []
         self._next_number = 1
 
@@ -208,7 +216,7 @@ class Tracker:
             logit + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
             for logit, box, track in zip(logits, boxes, seen, strict=True)
         ]
-        moving = [k for k in range(len(parts)) if evidence[k] > 0 and parts[k] is not background]
+        moving = [k for k in range(len(parts)) if evidence[k] > self._least_evidence and parts[k] is not background]
         flows = {k: self._flow(parts[k], still_model, window) for k in moving}
         objects = self._join(parts, moving, flows)
 
