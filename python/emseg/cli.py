@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`.
+"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`, `nets`, `compare`.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -16,6 +16,7 @@ import typer
 from tqdm import tqdm
 
 import emseg
+from emseg.cli_nets import compare, nets_app
 from emseg.cli_recordings import convert, info
 from emseg.config import Config
 from emseg.yaml_files import ConfigError
@@ -158,6 +159,8 @@ class _Bar:
 
 app.command()(info)
 app.command()(convert)
+app.add_typer(nets_app)
+app.command()(compare)
 
 
 @app.command()

@@ -55,6 +55,7 @@ class Batch(NamedTuple):
         depth: m, (b, h, w); 0 not known.
         poses: True poses of the references in the target's frame, m and rad, (b, n, 6); NaN: not known.
         active: Whether the target has an event there, (b, h, w).
+        flow: Over the width of a slice, px, (b, 2, h, w); NaN: not known.
     """
 
     target: Tensor
@@ -65,6 +66,7 @@ class Batch(NamedTuple):
     depth: Tensor
     poses: Tensor
     active: Tensor
+    flow: Tensor
 
 
 class Losses(NamedTuple):

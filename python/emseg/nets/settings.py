@@ -80,13 +80,17 @@ class SliceSettings(Description):
         width: Of a slice, s, centred on its time.
         step: From slice to slice, s: references lie this far apart.
         stride: From target to target, s.
-        shrink: Pixels of the sensor that make one of the image, each way.
+        longest: Longer side that images may have, px: larger sensors are shrunk by a whole factor.
     """
 
     width: Annotated[float, Field(gt=0, le=10)] = 0.05
     step: Annotated[float, Field(gt=0, le=10)] = 0.025
     stride: Annotated[float, Field(gt=0, le=10)] = 0.025
-    shrink: Annotated[int, Field(ge=1, le=16)] = 1
+    longest: Annotated[int, Field(ge=16, le=8192)] = 346
+
+    def shrink(self, width: int, height: int) -> int:
+        """Pixels of a sensor of that size that make one of the image, each way."""
+        return -(-max(width, height) // self.longest)
 
 
 class LossSettings(Description):
