@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `info`, `convert`, `config`, `demo`, `render`, `simulate`, `nets`, `compare`.
+"""The command line: `emseg segment`, `info`, `convert`, `simulate`, `nets`, `compare` and others.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """

@@ -1,4 +1,4 @@
-"""The commands that deal with networks: `emseg nets train|evaluate|predict|tune|export`, and `emseg compare`."""
+"""The commands about networks: `emseg nets train|evaluate|predict|tune|export`, and `emseg compare`."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def tune(
     trials: Annotated[int, typer.Option("--trials", min=1, help="How many to try.")] = 20,
     threads: Threads = 0,
 ) -> None:
-    """Search learning rate, batch size, growth, final map and loss weights for the best validation loss."""
+    """Search learning rate, batch size, growth rate and final map size for the least validation loss."""
     _prepare(threads, also=("optuna",))
     settings = _settings(config, preset, overrides)
     from emseg.nets import commands

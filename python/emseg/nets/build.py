@@ -43,8 +43,8 @@ def build_networks(
     Args:
         settings: Which.
         seed: Of the weights; the state of PyTorch's own generator is left as it was.
-        resnet_weights: Of ResNet18, see :func:`emseg.nets.resnet.read_weights`; for redn alone, which then keeps
-            them as they are.
+        resnet_weights: Of ResNet18, see :func:`emseg.nets.resnet.read_weights`; for redn alone, which then
+            keeps them as they are.
 
     Raises:
         ValueError: weights for an architecture that has no ResNet.

@@ -66,7 +66,7 @@ def load_networks(path: str | PathLike[str], *, device: str | torch.device = "cp
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118: it is no mapping
+            tensors = {name: file.get_tensor(name) for name in list(file.keys())}
     except SafetensorError as error:
         raise ValueError(f"{path}: no safetensors file: {error}") from None
     if metadata.get("format") != FORMAT:

@@ -1,7 +1,7 @@
 """Evenly Cascaded Networks: depth and pose from event slices (Ye et al., arXiv 1809.08625).
 
-Features are scaled by the same factor from level to level.  A level adds its input to the first of its output's
-channels and appends `growth_rate` new ones; the decoder takes as many away.
+Features are scaled by the same factor from level to level.  A level adds its input to the first of its
+output's channels and appends `growth_rate` new ones; the decoder takes as many away.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ class _Cascade(nn.Module):
         for level in self.encoder:
             skips.append(x)
             x = level(x)
-            size = [max(1, math.floor(side * self.scale_factor)) for side in x.shape[2:]]
-            x = functional.adaptive_avg_pool2d(x, size)
+            h, w = (max(1, math.floor(side * self.scale_factor)) for side in x.shape[2:])
+            x = functional.adaptive_avg_pool2d(x, (h, w))
         bottom = x
         predictions: list[Tensor] = []
         prediction = None
@@ -161,4 +161,5 @@ class EcnPoseNet(nn.Module):
         """Poses (b, n, 6) and maps, finest first; which, see :func:`kept_scales`."""
         bottom, logits = self.cascade(frames_stacked(target, references))
         kept = kept_scales(logits, self, scales)
-        return PoseOutput(*self.pose(bottom), [map_activation(each, self.settings) for each in kept])
+        poses, components = self.pose(bottom)
+        return PoseOutput(poses, components, [map_activation(each, self.settings) for each in kept])

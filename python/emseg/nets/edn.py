@@ -137,4 +137,5 @@ class PoseExpNet(nn.Module):
             if number >= 0:
                 maps.insert(0, map_activation(self.predict[number](x), self.settings))
         kept = kept_scales(maps, self, scales)
-        return PoseOutput(*self.pose(features[-1]), kept)
+        poses, components = self.pose(features[-1])
+        return PoseOutput(poses, components, kept)

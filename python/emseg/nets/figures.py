@@ -76,12 +76,12 @@ class MaskFigures(nn.Module):
         known = batch.active & (batch.mask != UNKNOWN)
         self.counts.update(moving[:, 0], torch.where(known, (batch.mask > 0).long(), UNKNOWN))
 
-    def compute(self) -> dict[str, Tensor]:
-        """The figures at the threshold of the best IoU, and that threshold."""
+    def compute(self, threshold: float | None = None) -> dict[str, Tensor]:
+        """The figures at the threshold nearest to one that is given, else at that of the best IoU."""
         matrix = self.counts.confmat.double()  # (thresholds, truth, prediction)
         hit, false, missed = matrix[:, 1, 1], matrix[:, 0, 1], matrix[:, 1, 0]
         iou = hit / (hit + false + missed).clamp(min=1)
-        best = int(iou.argmax())
+        best = int(iou.argmax() if threshold is None else (THRESHOLDS - threshold).abs().argmin())
         all_moving = matrix[0, 1].sum() / matrix[0].sum().clamp(min=1)
         return {
             "iou": iou[best],
@@ -103,7 +103,7 @@ class DepthFigures(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.means = nn.ModuleDict({name: MeanMetric() for name in self.NAMES})
+        self.means: dict[str, MeanMetric] = {name: MeanMetric() for name in self.NAMES}
 
     def update(self, depth: Tensor, batch: Batch) -> None:
         """Take in depths (b, 1, h, w)."""
@@ -176,9 +176,9 @@ class ValidationFigures(nn.Module):
         self.depth.update(prediction.depth, batch)
         self.flow.update(prediction.flow, batch)
 
-    def compute(self) -> dict[str, float]:
-        """The figures by name."""
-        masks = {f"mask/{name}": float(value) for name, value in self.mask.compute().items()}
+    def compute(self, threshold: float | None = None) -> dict[str, float]:
+        """The figures by name; a threshold that is not given is chosen for the best IoU."""
+        masks = {f"mask/{name}": float(value) for name, value in self.mask.compute(threshold).items()}
         depth = {f"depth/{name}": float(value) for name, value in self.depth.compute().items()}
         flow = {f"flow/{name}": float(value) for name, value in self.flow.compute().items()}
         return {**(masks if self.has_masks else {}), **depth, **flow}

@@ -71,9 +71,13 @@ def _in_other_camera(points: Tensor, pose: Tensor) -> Tensor:
     moved = points - pose[:, :3]
     axis = -pose[:, 3:]
     angle = (axis.square().sum(1, keepdim=True) + 1e-16).sqrt()  # smooth where there is no rotation
-    first = torch.linalg.cross(*torch.broadcast_tensors(axis, moved), dim=1)
-    second = torch.linalg.cross(*torch.broadcast_tensors(axis, first), dim=1)
-    return moved + torch.sin(angle) / angle * first + 2 * (torch.sin(angle / 2) / angle).square() * second
+    axis = axis.expand_as(moved)
+    first = torch.linalg.cross(axis, moved, dim=1)
+    second = torch.linalg.cross(axis, first, dim=1)
+    turned: Tensor = (
+        moved + torch.sin(angle) / angle * first + 2 * (torch.sin(angle / 2) / angle).square() * second
+    )
+    return turned
 
 
 def _projected(depth: Tensor, pose: Tensor, K: Tensor) -> tuple[Tensor, Tensor]:
@@ -191,7 +195,7 @@ def moving_probability(
 
 
 def instances(output: PoseOutput, settings: NetworkSettings, moving: Tensor, *, threshold: float) -> Tensor:
-    """Label of each pixel, (b, h, w): 0 background, else the component of the greatest share; 1 without a mixture.
+    """Label of each pixel, (b, h, w): 0 background, else its greatest component, or 1 without a mixture.
 
     Args:
         output: Of the pose network.

@@ -105,7 +105,8 @@ def photometric_loss(
     warped, valid = inverse_warp(reference, depth, pose, K, padding=padding)
     error = (warped - target).abs().mean(1, keepdim=True)
     if settings.ssim and min(target.shape[2:]) >= SSIM_WINDOW:  # (4.2)
-        likeness = ssim(warped, target, SSIM_WINDOW).mean(1, keepdim=True)
+        seen = torch.where(valid, warped, target)  # windows reach beyond what both see
+        likeness = ssim(seen, target, SSIM_WINDOW).mean(1, keepdim=True)
         counted = likeness if settings.photometric_form == "thesis" else 1 - likeness
         error = error + settings.ssim * counted
     share = valid.to(error.dtype) if weight is None else valid * weight
@@ -148,7 +149,7 @@ def mask_loss(background: Tensor, mask: Tensor, maps: Tensor, *, settings: LossS
 
 
 def smoothness_loss(depth: Tensor, *, settings: LossSettings) -> Tensor:
-    """(4.4) Mean root of the second derivatives of a depth map (b, 1, h, w); thesis: gradient over its p-norm."""
+    """(4.4) Mean root of the second derivatives of depths (b, 1, h, w); thesis: gradient over its p-norm."""
     dx, dy = _gradient(depth)
     if settings.smoothness_form == "thesis":
         size = torch.cat([dx.flatten(1), dy.flatten(1)], dim=1).abs() + 1e-12
@@ -187,8 +188,8 @@ def even_pose_loss(pose: Tensor, ego: Tensor, mask: Tensor) -> Tensor:
 def pose_distance(poses: Tensor, true: Tensor, depth: Tensor) -> Tensor:
     """(4.5, thesis) Mean L2 distance to true poses (b, n, 6), where they are known.
 
-    True translations, m, are brought to the scale of predictions, at which disparity has a mean of 1: where no
-    depth (b, h, w) is known, translations do not count.
+    True translations, m, are brought to the scale of predictions, at which disparity has a mean of 1: where
+    no depth (b, h, w) is known, translations do not count.
     """
     seen = depth > 0
     scale = torch.where(seen, 1 / depth.clamp(min=1e-6), 0).sum((1, 2)) / seen.sum((1, 2)).clamp(min=1)
@@ -226,7 +227,7 @@ def total_loss(
     network: NetworkSettings,
     settings: LossSettings,
 ) -> Losses:
-    """(4.6) The weighted sum, with the supervised depth that the thesis' figure shows and its equation lacks."""
+    """(4.6) The weighted sum, with the supervised depth that the thesis' figure has and its equation lacks."""
     levels = [
         _losses_at(level, disparity, output, batch, network, settings)
         for level, disparity in enumerate(disparities)
@@ -240,7 +241,8 @@ def total_loss(
     total = torch.stack(
         [w * part for w, part in zip(weights, parts, strict=True) if w] or [parts[0] * 0]
     ).sum()
-    return Losses(*parts, total)
+    photometric, mask, smoothness, pose, depth = parts
+    return Losses(photometric, mask, smoothness, pose, depth, total)
 
 
 def _reference_poses(output: PoseOutput, batch: Batch, network: NetworkSettings) -> Tensor:

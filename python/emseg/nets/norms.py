@@ -82,20 +82,21 @@ class FeatureDecorrelation(nn.Module):
 
 def whiten(rows: Tensor) -> Tensor:
     """Rows of zero mean (b, g, n) with the identity as their covariance: Σ^-1/2 X, Σ = X Xᵀ / n + ε I."""
-    b, groups, n = rows.shape
+    groups, n = rows.shape[1:]
     identity = torch.eye(groups, device=rows.device, dtype=rows.dtype)
     covariance = rows @ rows.transpose(1, 2) / n + EPSILON * identity
     return _inverse_square_root(covariance, identity) @ rows
 
 
 def _inverse_square_root(matrix: Tensor, identity: Tensor) -> Tensor:
-    """Σ^-1/2 of positive definite matrices (b, g, g) by Newton and Schulz's iteration (coupled, as Higham's)."""
-    norm = torch.linalg.matrix_norm(matrix)[:, None, None]  # bounds the eigenvalues, so that it converges
+    """Σ^-1/2 of positive definite matrices (b, g, g) by Newton and Schulz's coupled iteration."""
+    norm: Tensor = torch.linalg.matrix_norm(matrix)[:, None, None]  # bounds the eigenvalues: it converges
     y, z = matrix / norm, identity.expand_as(matrix)
     for _ in range(NEWTON_STEPS):
         step = 1.5 * identity - 0.5 * z @ y
         y, z = y @ step, step @ z
-    return z / norm.sqrt()
+    root: Tensor = z / norm.sqrt()
+    return root
 
 
 def make_norm(kind: Norm, channels: int) -> nn.Module:

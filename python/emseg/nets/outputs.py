@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor, nn
@@ -29,17 +29,22 @@ POSE_SCALE = 0.01  # poses are small
 Scales = Literal["all", "finest"]
 
 
+class _Network(Protocol):
+    training: bool
+    settings: NetworkSettings
+
+
 class PoseOutput(NamedTuple):
     """What a pose network says of b targets with n references.
 
     A pose is (tx, ty, tz, rx, ry, rz): where the camera of the other moment stands in the target's frame.
 
     Attributes:
-        poses: (b, n, 6), from the target to each reference; with a mixture or pixel poses (b, 1, 6): the camera's
-            own motion over the width of a slice.
-        components: (b, k, 6) of a mixture, over the width of a slice, the camera's first; else empty, (b, 0, 6).
-        maps: Finest first, (b, m, h, w): shares of the components, how well the pose explains each pixel, what
-            is to be added to its pose, or its disparity; [] where there are none.
+        poses: (b, n, 6), from the target to each reference; with a mixture or pixel poses (b, 1, 6): the
+            camera's own motion over the width of a slice.
+        components: (b, k, 6) of a mixture, over the width of a slice, the camera's first; else (b, 0, 6).
+        maps: Finest first, (b, m, h, w): shares of the components, how well the pose explains each pixel,
+            what is to be added to its pose, or its disparity; [] where there are none.
     """
 
     poses: Tensor
@@ -47,15 +52,13 @@ class PoseOutput(NamedTuple):
     maps: list[Tensor]
 
 
-def kept_scales(predictions: list[Tensor], network: nn.Module, scales: Scales | None) -> list[Tensor]:
+def kept_scales(predictions: list[Tensor], network: _Network, scales: Scales | None) -> list[Tensor]:
     """Those of the predictions, finest first, that are asked for.
 
     None: all that the settings want in training, the finest alone in evaluation.
     """
-    if scales is None:
-        wanted = network.settings.scales if network.training else "finest"
-    else:
-        wanted = scales
+    usual = network.settings.scales if network.training else "finest"
+    wanted = usual if scales is None else scales
     return predictions if wanted == "all" else predictions[:1]
 
 
@@ -70,7 +73,7 @@ def disparity_at(logits: Tensor) -> Tensor:
 
 
 def depth_at(disparity: Tensor) -> Tensor:
-    """Depth of disparities (b, 1, h, w) scaled to a mean of 1 an image: translations are up to scale anyway."""
+    """Depth of disparities (b, 1, h, w), scaled to a mean of 1 an image: the scale is not known anyway."""
     return disparity.mean((1, 2, 3), keepdim=True) / disparity
 
 

@@ -105,4 +105,5 @@ class ResPoseNet(nn.Module):
         features = self.trunk(image)
         logits = [] if self.decoder is None else self.decoder(image, *features)
         kept = kept_scales(logits, self, scales)
-        return PoseOutput(*self.pose(features[-1]), [map_activation(each, self.settings) for each in kept])
+        poses, components = self.pose(features[-1])
+        return PoseOutput(poses, components, [map_activation(each, self.settings) for each in kept])

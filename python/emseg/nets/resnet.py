@@ -1,4 +1,4 @@
-"""The first half of ResNet18 (He et al., CVPR 2016), with torchvision's names, and its weights from a file."""
+"""The first half of ResNet18 (He et al., CVPR 2016) with torchvision's names, and weights from a file."""
 
 from __future__ import annotations
 
@@ -100,7 +100,8 @@ def read_weights(path: str | PathLike[str]) -> dict[str, Tensor]:
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     if not digest.startswith(KNOWN_WEIGHTS):
         raise ValueError(
-            f"{path}: SHA-256 begins {digest[:8]}, expected a ResNet18 of torchvision: {' or '.join(KNOWN_WEIGHTS)}"
+            f"{path}: SHA-256 begins {digest[:8]}, expected a ResNet18 of torchvision: "
+            + " or ".join(KNOWN_WEIGHTS)
         )
     weights: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
     return weights

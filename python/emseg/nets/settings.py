@@ -96,7 +96,7 @@ class SliceSettings(Description):
 class LossSettings(Description):
     """Weights and forms of the losses.
 
-    "corrected" is what emseg recommends, "thesis" what the thesis has literally; docs/networks.md tells them apart.
+    "corrected" is what emseg recommends, "thesis" what the thesis has literally: docs/networks.md has both.
 
     Attributes:
         photometric, mask, smoothness, pose, depth: Weights of the five parts.
@@ -191,7 +191,8 @@ class RunSettings(Description):
         """The settings as YAML, all of them."""
         import yaml
 
-        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+        text: str = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+        return text
 
 
 def _names() -> list[str]:

@@ -20,7 +20,15 @@ from emseg.nets.losses import UNKNOWN, Batch
 from emseg.nets.recordings import LabelledRecording
 from emseg.nets.settings import NetworkSettings, SliceSettings, TrainingSettings
 
-__all__ = ["SizedBatches", "SliceDataset", "as_channels", "event_slices", "reference_steps", "relative_poses"]
+__all__ = [
+    "SizedBatches",
+    "SliceDataset",
+    "as_channels",
+    "event_slices",
+    "reference_steps",
+    "relative_poses",
+    "shrunk_intrinsics",
+]
 
 
 def event_slices(events: EventArray, times: NDArray[np.int64], settings: SliceSettings) -> NDArray[np.uint8]:
@@ -39,11 +47,19 @@ def event_slices(events: EventArray, times: NDArray[np.int64], settings: SliceSe
 
 
 def as_channels(images: NDArray[np.uint8], channels: int) -> Tensor:
-    """Images (n, 3, h, w) as what a network takes, (n, channels, h, w) of 0 .. 1; one channel: 50 × events."""
+    """Images (n, 3, h, w) as networks take them, (n, channels, h, w) of 0 .. 1; one channel: 50 × events."""
     planes = torch.from_numpy(images).float()
     if channels == 1:
         planes = (planes[:, :1] + planes[:, 2:]).clamp(max=255)
     return planes / 255
+
+
+def shrunk_intrinsics(K: NDArray[np.float64], shrink: int) -> NDArray[np.float64]:
+    """K (3, 3) of the images of a sensor whose pixels are taken together, `shrink` each way."""
+    small = K.astype(np.float64)
+    small[:2, 2] -= (shrink - 1) / 2  # the centre of the first pixel of the image
+    small[:2] /= shrink
+    return small
 
 
 def reference_steps(references: int) -> list[int]:
@@ -58,7 +74,7 @@ def relative_poses(
     target: int,
     references: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Poses (tx, ty, tz, rx, ry, rz) at the references' times, µs, in the frame of moment `target`; (n, 6)."""
+    """Poses (tx, ty, tz, rx, ry, rz) at the references' times, µs, in the frame of a target; (n, 6)."""
     turns = Slerp(times.astype(np.float64), Rotation.from_matrix(T_world_camera[:, :3, :3]))
     back = Rotation.from_matrix(T_world_camera[target, :3, :3]).inv()
     places = np.stack([np.interp(references, times, T_world_camera[:, axis, 3]) for axis in range(3)], axis=1)
@@ -191,9 +207,7 @@ def _read(recording: LabelledRecording, slices: SliceSettings, steps: NDArray[np
     images = event_slices(recording.events, unique, slices)
     s = slices.shrink(recording.events.width, recording.events.height)
     h, w = images.shape[2:]
-    K = recording.K.astype(np.float64).copy()
-    K[:2, 2] -= (s - 1) / 2  # the centre of the first pixel of the image
-    K[:2] /= s
+    K = shrunk_intrinsics(recording.K, s)
 
     def shrunk(
         image: NDArray[Any] | None, shape: tuple[int, ...], unknown: float, dtype: Any

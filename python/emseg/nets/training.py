@@ -131,7 +131,7 @@ def train(
 ) -> TrainingResult:
     """Train a pair and keep the best by total validation loss.
 
-    Writes into `out`: best.safetensors, last.ckpt (to resume from), run.json, metrics.csv, curves for TensorBoard.
+    Writes best.safetensors, last.ckpt (to resume from), run.json, metrics.csv and curves for TensorBoard.
 
     Args:
         settings: All of the run.
