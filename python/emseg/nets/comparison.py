@@ -35,9 +35,9 @@ from emseg.writers import write_png
 __all__ = ["CLAIMS", "Row", "compare_methods", "mask_figures", "object_boxes", "table_of"]
 
 CLAIMS: Final = (
-    "The thesis says: IoU 76.81 % for the graph cut and 77 % for networks, and that networks are faster.  "
-    "Both figures are of EV-IMO, by other protocols and on other machines; nothing in this table was measured "
-    "on EV-IMO, so that it neither confirms nor refutes them."
+    "The thesis says: IoU 76.81 % for the graph cut, 77 % for networks, and that networks are faster.  "
+    "Both figures are of EV-IMO, by other protocols and on other machines; nothing in this table was "
+    "measured on EV-IMO, so that it neither confirms nor refutes them."
 )
 
 ENGINE: Final = "engine"

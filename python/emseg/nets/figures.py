@@ -103,7 +103,12 @@ class DepthFigures(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.means: dict[str, MeanMetric] = {name: MeanMetric() for name in self.NAMES}
+        self.means = nn.ModuleDict({name: MeanMetric() for name in self.NAMES})
+
+    def _mean(self, name: str) -> MeanMetric:
+        mean = self.means[name]
+        assert isinstance(mean, MeanMetric)
+        return mean
 
     def update(self, depth: Tensor, batch: Batch) -> None:
         """Take in depths (b, 1, h, w)."""
@@ -114,21 +119,21 @@ class DepthFigures(nn.Module):
             d, true = d[counted], true[counted]
             d = d * true.mean() / d.mean()
             ratio = torch.maximum(d / true, true / d)
-            self.means["abs_rel"].update(((d - true).abs() / true).mean())
-            self.means["rmse"].update((d - true).square().mean().sqrt())
+            self._mean("abs_rel").update(((d - true).abs() / true).mean())
+            self._mean("rmse").update((d - true).square().mean().sqrt())
             for power in (1, 2, 3):
-                self.means[f"delta_{power}"].update((ratio < 1.25**power).float().mean())
+                self._mean(f"delta_{power}").update((ratio < 1.25**power).float().mean())
 
     def compute(self) -> dict[str, Tensor]:
         """Means over images; empty where depth was never known."""
-        if not self.means["rmse"].weight:
+        if not self._mean("rmse").weight:
             return {}
-        return {name: mean.compute() for name, mean in self.means.items()}
+        return {name: self._mean(name).compute() for name in self.NAMES}
 
     def reset(self) -> None:
         """Forget all."""
-        for mean in self.means.values():
-            mean.reset()
+        for name in self.NAMES:
+            self._mean(name).reset()
 
 
 class FlowFigures(nn.Module):

@@ -227,7 +227,7 @@ def total_loss(
     network: NetworkSettings,
     settings: LossSettings,
 ) -> Losses:
-    """(4.6) The weighted sum, with the supervised depth that the thesis' figure has and its equation lacks."""
+    """(4.6) The weighted sum, with the supervised depth that the thesis' figure has, its equation not."""
     levels = [
         _losses_at(level, disparity, output, batch, network, settings)
         for level, disparity in enumerate(disparities)

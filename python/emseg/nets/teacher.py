@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ from emseg.events import EventArray
 from emseg.nets.recordings import Image, LabelledRecording
 from emseg.segmentation import Segmenter
 
-__all__ = ["EngineLabels", "engine_labels", "label_image"]
+__all__ = ["BELIEVED", "EngineLabels", "engine_labels", "label_image"]
+
+BELIEVED: Final = 0.4
 
 
 def engine_labels(events: EventArray) -> NDArray[np.int32]:
@@ -42,11 +44,14 @@ class EngineLabels:
     Args:
         recording: Of it only events, intrinsics and moments are used.
         width: Of the time around a moment whose events tell its mask, s.
+        believed: Share of a mask's pixels that may move: what is called background should be most of a scene,
+            and where it is not, the engine has probably taken parallax for motion; such a mask is not known.
     """
 
-    def __init__(self, recording: LabelledRecording, *, width: float) -> None:
+    def __init__(self, recording: LabelledRecording, *, width: float, believed: float = BELIEVED) -> None:
         self._recording = recording
         self._width_us = round(1e6 * width)
+        self._believed = believed
 
     @property
     def name(self) -> str:
@@ -78,10 +83,13 @@ class EngineLabels:
         return engine_labels(self.events)
 
     def mask(self, moment: int) -> Image:
-        """The engine's labels, int16 (h, w); -1 where it gives none."""
+        """The engine's labels, int16 (h, w); -1 where it gives none, or all of them are not believed."""
         start = self.times[moment] - self._width_us // 2
         begin, end = np.searchsorted(self.events.t, [start, start + self._width_us])
-        return label_image(self.events[begin:end], self._labels[begin:end])
+        image = label_image(self.events[begin:end], self._labels[begin:end])
+        if np.count_nonzero(image > 0) > self._believed * np.count_nonzero(image >= 0):
+            image[:] = -1
+        return image
 
     def depth(self, moment: int) -> None:
         """Not known."""
