@@ -45,9 +45,11 @@ def _datasets(data: Path, settings: RunSettings, labels: Labels) -> tuple[SliceD
 
         return [EngineLabels(recording, width=settings.slices.width) for recording in found]
 
+    options: dict[str, Any] = {"without_mask": "keep" if labels == "truth" else "drop"}
+    slices, network = settings.slices, settings.network
     return (
-        SliceDataset(recordings("train"), settings.slices, settings.network, augmentation=settings.training),
-        SliceDataset(recordings("validation"), settings.slices, settings.network),
+        SliceDataset(recordings("train"), slices, network, augmentation=settings.training, **options),
+        SliceDataset(recordings("validation"), slices, network, **options),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -107,6 +108,7 @@ class SliceDataset(Dataset[Batch]):
         slices: How they become images.
         network: How many references and channels.
         augmentation: How targets are mirrored and zoomed each time they are asked for; None: not.
+        without_mask: What becomes of targets of whose mask nothing is known.
 
     Raises:
         ValueError: no target at all.
@@ -119,16 +121,18 @@ class SliceDataset(Dataset[Batch]):
         network: NetworkSettings,
         *,
         augmentation: TrainingSettings | None = None,
+        without_mask: Literal["keep", "drop"] = "keep",
     ) -> None:
         self.slices = slices
         self.network = network
         self.augmentation = augmentation
         steps = np.array(reference_steps(network.references))
         self._offsets = torch.tensor(steps * slices.step / slices.width, dtype=torch.float32)
+        steps_us = np.rint(1e6 * slices.step * steps).astype(np.int64)
         self._sequences = [
             sequence
             for recording in recordings
-            if (sequence := _read(recording, slices, np.rint(1e6 * slices.step * steps).astype(np.int64)))
+            if (sequence := _read(recording, slices, steps_us, without_mask))
         ]
         self._index = [
             (s, n) for s, sequence in enumerate(self._sequences) for n in range(len(sequence.times))
@@ -190,7 +194,12 @@ class SizedBatches(Sampler[list[int]]):
         return iter([batches[k] for k in order])
 
 
-def _read(recording: LabelledRecording, slices: SliceSettings, steps: NDArray[np.int64]) -> _Sequence | None:
+def _read(
+    recording: LabelledRecording,
+    slices: SliceSettings,
+    steps: NDArray[np.int64],
+    without_mask: Literal["keep", "drop"],
+) -> _Sequence | None:
     """Slices and truth of a recording; None where it is too short for a single target."""
     times = recording.times
     margin = round(5e5 * slices.width)
@@ -200,6 +209,10 @@ def _read(recording: LabelledRecording, slices: SliceSettings, steps: NDArray[np
     for moment in np.flatnonzero((times >= first) & (times <= last)).tolist():
         if not chosen or times[moment] - times[chosen[-1]] >= 1e6 * slices.stride - 1:
             chosen.append(moment)
+    masks = [recording.mask(moment) for moment in chosen]
+    if without_mask == "drop":
+        known = [mask is not None and bool((mask != UNKNOWN).any()) for mask in masks]
+        chosen, masks = list(itertools.compress(chosen, known)), list(itertools.compress(masks, known))
     if not chosen:
         return None
     wanted = times[chosen][:, None] + np.concatenate([[0], steps])
@@ -228,7 +241,7 @@ def _read(recording: LabelledRecording, slices: SliceSettings, steps: NDArray[np
         images,
         places.reshape(wanted.shape),
         K,
-        np.stack([shrunk(recording.mask(moment), (), UNKNOWN, np.int16) for moment in chosen]),
+        np.stack([shrunk(mask, (), UNKNOWN, np.int16) for mask in masks]),
         np.stack([shrunk(recording.depth(moment), (), 0, np.float16) for moment in chosen]),
         np.stack([shrunk(None if f is None else over_slice * f, (2,), np.nan, np.float16) for f in flows]),
         poses,
