@@ -264,6 +264,9 @@ def compare_methods(
     context = multiprocessing.get_context("spawn")
     outcomes = []
     for method, checkpoint in jobs:
+        if method in BASELINES:
+            outcomes.append(_run(method, checkpoint, paths, settings, references, drawn))
+            continue
         with ProcessPoolExecutor(1, mp_context=context) as process:  # its own, for its memory
             job = process.submit(_run, method, checkpoint, paths, settings, references, drawn)
             outcomes.append(job.result())

@@ -32,6 +32,7 @@ log = logging.getLogger(__name__)
 BEST = "best.safetensors"
 LAST = "last.ckpt"
 RUN = "run.json"
+METRICS = "metrics.csv"
 
 
 class SegmentationModule(L.LightningModule):
@@ -89,7 +90,7 @@ class EpochLines(Callback):
 
     def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Say how far it is."""
-        if not trainer.training:
+        if trainer.state.fn != "fit":
             return
         metrics = trainer.callback_metrics
         parts = [f"epoch {trainer.current_epoch + 1} of {trainer.max_epochs}"]
@@ -158,6 +159,8 @@ def train(
     stopping = [EarlyStopping("validation/total", patience=chosen.patience)] if chosen.patience else []
     cuda = torch.cuda.is_available()
     half = chosen.precision == "bfloat16" or (chosen.precision == "auto" and cuda)
+    if resume:
+        _set_aside(out / METRICS)
     trainer = L.Trainer(
         accelerator="cuda" if cuda else "cpu",
         devices=1,
@@ -202,6 +205,13 @@ def train(
     content = {"settings": settings.model_dump(mode="json"), "threshold": threshold, **facts}
     (out / RUN).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return TrainingResult(out / BEST, loss, module.best_figures, seconds)
+
+
+def _set_aside(curves: Path) -> None:
+    """Keep the curves of the run that is taken up: Lightning begins the file anew."""
+    if curves.exists():
+        earlier = len(list(curves.parent.glob(f"{curves.stem}_*{curves.suffix}")))
+        curves.rename(curves.with_stem(f"{curves.stem}_{earlier + 1}"))
 
 
 def _loaders(

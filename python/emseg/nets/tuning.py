@@ -32,7 +32,7 @@ class _Pruner(Callback):
         self.trial = trial
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        if trainer.training:
+        if trainer.state.fn == "fit":
             self.trial.report(float(trainer.callback_metrics["validation/total"]), trainer.current_epoch)
             if self.trial.should_prune():
                 raise optuna.TrialPruned
