@@ -19,7 +19,8 @@ from emseg.nets.figures import predict
 from emseg.nets.losses import total_loss
 from emseg.nets.norms import FeatureDecorrelation, GroupNorm, make_norm, whiten
 from emseg.nets.presets import PRESETS, REPORTED, preset
-from emseg.nets.settings import LossSettings, NetworkSettings
+from emseg.nets.settings import LossSettings, NetworkSettings, RunSettings
+from emseg.nets.training import SegmentationModule
 
 ARCHITECTURES = ("ecn", "edn", "redn")
 MAPS = ("none", "explainability", "pixel_pose", "mixture", "disparity")
@@ -224,6 +225,20 @@ def test_one_batch_is_learnt_by_heart(architecture, rate, steps):
     truth = batch.mask > 0
     hit = ((moving > 0.5) & truth).sum() / ((moving > 0.5) | truth).sum()
     assert hit > 0.8
+
+
+@pytest.mark.parametrize("norm", ["batch", "group", "decorrelation"])
+def test_half_precision_is_near_single(norm):
+    chosen = small_network("ecn", norm=norm)
+    module = SegmentationModule(build_networks(chosen), RunSettings(network=chosen))
+    batch = random_batch(chosen)
+    single, _, _ = module.losses(batch)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        half, disparities, output = module.losses(batch)
+    assert {each.dtype for each in (*disparities, *output.maps, output.poses, half.total)} == {torch.float32}
+    assert half.total.item() == pytest.approx(single.total.item(), rel=0.05)
+    half.total.backward()
+    assert all(torch.isfinite(each.grad).all() for each in module.networks.parameters())
 
 
 def test_prediction_needs_no_training_mode():

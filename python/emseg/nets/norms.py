@@ -36,13 +36,15 @@ class GroupNorm(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Normalise (b, c, h, w)."""
         pixels = x.shape[2] * x.shape[3]
-        counts = self.membership.sum(0) * pixels
-        mean = x.mean((2, 3)) @ self.membership * pixels / counts
-        centred = x - (mean @ self.membership.T)[..., None, None]
-        squares = centred.square().sum((2, 3)) @ self.membership
-        variance = squares / (counts - 1).clamp(min=1)  # a single value has none
-        scale = (variance + EPSILON).rsqrt() @ self.membership.T * self.weight
-        return centred * scale[..., None, None] + self.bias[:, None, None]
+        with torch.autocast(x.device.type, enabled=False):  # sums lose too much in half precision
+            x = x.to(self.membership.dtype)
+            counts = self.membership.sum(0) * pixels
+            mean = x.mean((2, 3)) @ self.membership * pixels / counts
+            centred = x - (mean @ self.membership.T)[..., None, None]
+            squares = centred.square().sum((2, 3)) @ self.membership
+            variance = squares / (counts - 1).clamp(min=1)  # a single value has none
+            scale = (variance + EPSILON).rsqrt() @ self.membership.T * self.weight
+            return centred * scale[..., None, None] + self.bias[:, None, None]
 
 
 class FeatureDecorrelation(nn.Module):
@@ -63,8 +65,7 @@ class FeatureDecorrelation(nn.Module):
         b, c, h, w = x.shape
         layers = -(-c // self.groups)
         missing = layers * self.groups - c  # the last layer's, which stay zero
-        # Covariances lose too much in half precision.
-        with torch.autocast(x.device.type, enabled=False):
+        with torch.autocast(x.device.type, enabled=False):  # covariances, too
             present = x.new_ones(c, dtype=torch.float32)
             members = nn.functional.pad(present, (0, missing)).view(layers, self.groups).sum(0)
             padded = nn.functional.pad(x.float(), (0, 0, 0, 0, 0, missing)).view(

@@ -22,6 +22,7 @@ from emseg.nets.build import NetworkPair, build_networks
 from emseg.nets.checkpoints import TrainedNetworks, save_networks
 from emseg.nets.figures import Prediction, ValidationFigures
 from emseg.nets.losses import Batch, Losses, total_loss
+from emseg.nets.outputs import PoseOutput
 from emseg.nets.settings import RunSettings
 from emseg.nets.slices import SizedBatches, SliceDataset
 
@@ -45,10 +46,17 @@ class SegmentationModule(L.LightningModule):
         self.figures = ValidationFigures()
         self.best_figures: dict[str, float] = {}
 
-    def losses(self, batch: Batch) -> tuple[Losses, list[Tensor], Any]:
+    def losses(self, batch: Batch) -> tuple[Losses, list[Tensor], PoseOutput]:
         """The losses at the scales that the settings want, whatever the mode."""
-        disparities, output = self.networks(batch.target, batch.references, self.settings.network.scales)
-        losses = total_loss(disparities, output, batch, self.settings.network, self.settings.loss)
+        settings = self.settings
+        disparities, output = self.networks(batch.target, batch.references, settings.network.scales)
+        with torch.autocast(
+            self.device.type, enabled=False
+        ):  # networks may work in half precision, not these
+            disparities = [disparity.float() for disparity in disparities]
+            maps = [each.float() for each in output.maps]
+            output = PoseOutput(output.poses.float(), output.components.float(), maps)
+            losses = total_loss(disparities, output, batch, settings.network, settings.loss)
         return losses, disparities, output
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
