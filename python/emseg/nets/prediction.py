@@ -137,8 +137,8 @@ def predict_recording(
             panels = [
                 captioned(slice_picture(predictor.images(time)[0]), f"events {time / 1e6:.3f} s"),
                 captioned(depth_picture(depth), "depth"),
-                captioned(flow_picture(flow), "flow, thesis' wheel"),
-                captioned(flow_picture(flow, wheel="middlebury"), "flow, Middlebury"),
+                captioned(flow_picture(flow), "flow, thesis"),
+                captioned(flow_picture(flow, wheel="middlebury"), "flow, middlebury"),
             ]
             if prediction.moving is not None:
                 panels.append(captioned(mask_picture(columns["labels"][-1]), "mask"))
