@@ -1,4 +1,4 @@
-"""What the tests of the networks share.  Import this first: it skips the module where PyTorch is absent."""
+"""What the tests of the networks share, PyTorch too: modules that import it from here are skipped without it."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import torch
-from nets_fixtures import random_batch, small_network
+from nets_fixtures import random_batch, small_network, torch
 from scipy.spatial.transform import Rotation
 
 from emseg.nets.geometry import (

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nets_fixtures import random_batch, small_network
+from nets_fixtures import random_batch, small_network, torch
 
 from emseg.nets import resnet
 from emseg.nets.build import build_networks, parameter_count

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from nets_fixtures import random_batch, small_network
+from nets_fixtures import random_batch, small_network, torch
 
 import emseg
 from emseg.nets.augmentation import augmented, flipped, zoomed

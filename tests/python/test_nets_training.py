@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
-from nets_fixtures import random_batch, small_network
+from nets_fixtures import random_batch, small_network, torch
 from test_nets_slices import suite  # noqa: F401  (a fixture)
 from typer.testing import CliRunner
 
