@@ -1,4 +1,4 @@
-"""What the tests of the networks share, PyTorch too: modules that import it from here are skipped without it."""
+"""What the tests of the networks share, PyTorch too: who imports it from here is skipped where it is absent."""
 
 from __future__ import annotations
 
