@@ -35,7 +35,8 @@ Checkpoint = Annotated[
     Path, typer.Option("--checkpoint", metavar="FILE", help="A best.safetensors of `emseg nets train`.")
 ]
 SplitOption = Annotated[
-    Literal["train", "validation", "test"], typer.Option("--split", help="Which recordings of DATA.")
+    Literal["train", "validation", "test", "all"],
+    typer.Option("--split", help="Which recordings of DATA; all: those of the folder itself."),
 ]
 ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="Settings, YAML.")]
 Preset = Annotated[str | None, typer.Option("--preset", help="A run of the thesis, such as thesis/ecn-1.")]

@@ -1,4 +1,4 @@
-"""What the tests of the networks share, PyTorch too: who imports it from here is skipped where it is absent."""
+"""What the tests of the networks share, PyTorch too; who imports it from here is skipped without it."""
 
 from __future__ import annotations
 

@@ -186,6 +186,16 @@ def test_splits_are_by_sequence(suite, tmp_path):
     assert shares == pytest.approx([1600, 200, 200], abs=60)
 
 
+def test_files_of_other_simulators_may_lack_flow(suite, tmp_path):
+    with np.load(suite / "train/roll_00001.npz") as archive:
+        arrays = {key: archive[key] for key in archive.files if key not in ("gt_flow", "D")}
+    np.savez(tmp_path / "other.npz", **arrays)
+    (recording,) = find_recordings(tmp_path, "all")
+    item = SliceDataset([recording], SLICES, NETWORK)[0]
+    assert torch.isnan(item.flow).all()
+    assert item.depth.any()
+
+
 def test_a_file_that_is_no_simulation_is_refused(tmp_path):
     path = tmp_path / "x.npz"
     np.savez(path, x=np.zeros(1))

@@ -92,7 +92,9 @@ def _line(figures: Any) -> str:
     return ", ".join(f"{name} {value:.3f}" for name, value in figures.items())
 
 
-def evaluate(data: Path, checkpoint: Path, split: Split, out: Path | None, echo: Echo) -> None:
+def evaluate(
+    data: Path, checkpoint: Path, split: Split | Literal["all"], out: Path | None, echo: Echo
+) -> None:
     """Print the figures of each recording and of all, at the threshold that validation chose."""
     _quiet()
     from emseg.nets.evaluation import evaluate_networks
@@ -149,7 +151,9 @@ def export(checkpoint: Path, out: Path, size: str, echo: Echo) -> None:
     echo(f"done: {out}")
 
 
-def compare(data: Path, out: Path, checkpoints: list[Path], split: Split, pictures: int, echo: Echo) -> None:
+def compare(
+    data: Path, out: Path, checkpoints: list[Path], split: Split | Literal["all"], pictures: int, echo: Echo
+) -> None:
     """Print the table of engine and networks, and write it with pictures."""
     from emseg.nets.comparison import compare_methods
 

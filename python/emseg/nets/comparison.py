@@ -14,7 +14,7 @@ import resource
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -385,6 +385,7 @@ def _write_json(path: Path, outcomes: Sequence[_Outcome], settings: SliceSetting
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread a method",
         "slices": settings.model_dump(mode="json"),
         "seconds_of_recording": seconds,
+        "columns": [field.name for field in fields(Row)],
         "methods": [
             {
                 "method": outcome.method,
@@ -392,12 +393,19 @@ def _write_json(path: Path, outcomes: Sequence[_Outcome], settings: SliceSetting
                 "peak_mb": round(outcome.peak_mb, 1),
                 "means": {figure: _mean(outcome.rows, figure)[0] for figure in FIGURES},
                 "skipped": {figure: _mean(outcome.rows, figure)[1] for figure in FIGURES},
-                "rows": [asdict(each) for each in outcome.rows],
+                "rows": [[_short(value) for value in astuple(each)] for each in outcome.rows],
             }
             for outcome in outcomes
         ],
     }
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+
+def _short(value: Any) -> Any:
+    """A figure to four digits; JSON has no NaN."""
+    if not isinstance(value, float):
+        return value
+    return round(value, 4) if np.isfinite(value) else None
 
 
 def _draw(

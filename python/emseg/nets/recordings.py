@@ -68,7 +68,7 @@ class LabelledRecording(Protocol):
 
 
 class SimulatedRecording:
-    """A recording that `emseg simulate` wrote; read when first used."""
+    """A recording as `emseg simulate` writes it (docs/simulation.md); read when first used."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
@@ -80,20 +80,21 @@ class SimulatedRecording:
 
     @cached_property
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        wanted = ("x", "y", "t", "p", "label", "width", "height", "K", "D", "gt_t", "gt_T_world_camera")
+        wanted = ("x", "y", "t", "p", "label", "width", "height", "K", "gt_t", "gt_T_world_camera")
         with np.load(self.path, allow_pickle=False) as archive:
-            missing = [key for key in (*wanted, "gt_mask", "gt_depth", "gt_flow") if key not in archive]
+            missing = [key for key in (*wanted, "gt_mask", "gt_depth") if key not in archive]
             if missing:
                 raise ValueError(f"{self.path}: lacks {missing[0]}, expected a recording of `emseg simulate`")
             arrays = {key: archive[key] for key in wanted}
-        if np.any(arrays["D"]):
+            distorted = "D" in archive and np.any(archive["D"])
+        if distorted:
             log.warning("%s: its distortion is not heeded", self.path)
         return arrays
 
     @cached_property
     def _truth(self) -> dict[str, NDArray[Any]]:
         with np.load(self.path, allow_pickle=False) as archive:
-            return {key: archive[key] for key in ("gt_mask", "gt_depth", "gt_flow")}
+            return {key: archive[key] for key in ("gt_mask", "gt_depth", "gt_flow") if key in archive}
 
     @cached_property
     def events(self) -> EventArray:
@@ -126,8 +127,10 @@ class SimulatedRecording:
         depth: Image = self._truth["gt_depth"][moment]
         return depth
 
-    def flow(self, moment: int) -> Image:
-        """Motion, px/s, float32 (2, h, w)."""
+    def flow(self, moment: int) -> Image | None:
+        """Motion, px/s, float32 (2, h, w); files of other simulators may lack it."""
+        if "gt_flow" not in self._truth:
+            return None
         interval = 1e-6 * float(self.times[1] - self.times[0])
         flow: Image = self._truth["gt_flow"][moment].astype(np.float32) / interval
         return flow
@@ -146,19 +149,22 @@ def split_by_name(name: str) -> Split:
     return "train" if digit < 8 else "validation" if digit == 8 else "test"
 
 
-def find_recordings(folder: str | PathLike[str], split: Split) -> list[SimulatedRecording]:
+def find_recordings(folder: str | PathLike[str], split: Split | Literal["all"]) -> list[SimulatedRecording]:
     """The simulated recordings of a split: in folder/<split>/ where there are such, else chosen by name.
+
+    "all" are those of the folder itself, whatever their names.
 
     Raises:
         ValueError: none.
     """
     root = Path(folder)
-    if any((root / name).is_dir() for name in SPLITS):
+    if split == "all":
+        found = sorted(root.glob("*.npz"))
+    elif any((root / name).is_dir() for name in SPLITS):
         found = sorted((root / split).glob("*.npz"))
     else:
         found = [path for path in sorted(root.glob("*.npz")) if split_by_name(path.stem) == split]
     if not found:
-        raise ValueError(
-            f"{root}: no recordings for {split}, expected {split}/*.npz of `emseg simulate --suite`"
-        )
+        place = "*.npz" if split == "all" else f"{split}/*.npz"
+        raise ValueError(f"{root}: no recordings for {split}, expected {place} of `emseg simulate`")
     return [SimulatedRecording(path) for path in found]
