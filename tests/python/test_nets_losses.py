@@ -354,16 +354,15 @@ def test_total_is_the_weighted_sum_at_all_scales():
     assert losses.total.item() == pytest.approx(wanted, rel=1e-5)
     finest = total_loss(disparities[:1], output, batch, chosen, LossSettings())
     depth = depth_at(disparities[0])
-    assert float(finest.depth) == pytest.approx(float(depth_loss(depth, batch.depth)), rel=1e-5)
+    assert finest.depth.item() == pytest.approx(depth_loss(depth, batch.depth).item(), rel=1e-5)
     thesis = LossSettings(
         photometric_form="thesis", ssim=0.1, mask_form="thesis", smoothness_form="thesis", pose_form="thesis"
     )
     literal = total_loss(disparities, output, batch, chosen, thesis)
     assert torch.isfinite(torch.stack(list(literal))).all()
     poses = output.poses * batch.offsets[..., None]
-    assert float(literal.pose) == pytest.approx(
-        float(pose_distance(poses, batch.poses, batch.depth)), rel=1e-5
-    )
+    distance = pose_distance(poses, batch.poses, batch.depth)
+    assert literal.pose.item() == pytest.approx(distance.item(), rel=1e-5)
 
 
 def test_the_grid_counts_from_the_upper_left():

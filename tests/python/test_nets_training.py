@@ -234,6 +234,7 @@ def test_no_checkpoint_runs_code(suite, trained, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize("architecture", ["ecn", "edn", "redn"])
+@pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
 def test_torchscript_agrees(architecture, tmp_path):
     chosen = small_network(architecture)
     networks = build_networks(chosen, seed=2).eval()

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 import emseg
 from emseg.nets.build import NetworkPair, build_networks
@@ -52,7 +52,7 @@ def save_networks(path: str | PathLike[str], trained: TrainedNetworks) -> None:
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f".{target.name}.part")
-    save_file(tensors, work, metadata)
+    work.write_bytes(save(tensors, metadata))
     work.replace(target)
 
 
