@@ -7,6 +7,7 @@ void bind_event(py::module_& m);
 void bind_camera(py::module_& m);
 void bind_event_filter(py::module_& m);
 void bind_event_graph(py::module_& m);
+void bind_event_slices(py::module_& m);
 void bind_evt_decoder(py::module_& m);
 void bind_expansion(py::module_& m);
 void bind_motion(py::module_& m);
@@ -20,6 +21,7 @@ PYBIND11_MODULE(_core, m) {
   bind_camera(m);
   bind_event_filter(m);
   bind_event_graph(m);
+  bind_event_slices(m);
   bind_evt_decoder(m);
   bind_expansion(m);
   bind_motion(m);

@@ -38,6 +38,7 @@ __all__: list[str] = [
     "delaunay_edges",
     "delaunay_edges_cgal",
     "event_graph",
+    "event_slices",
     "expansion",
     "fit_motion",
     "iwe",
@@ -795,6 +796,21 @@ def event_graph(
 ) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int32]]:
     """
     Space-time graph in compressed rows: indptr int64 (n + 1,), indices int32 (edges,), each edge once.
+    """
+
+def event_slices(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    times: numpy.typing.NDArray[numpy.int64],
+    width_us: typing.SupportsInt | typing.SupportsIndex,
+    shrink: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    Images of rises, mean time and falls around each time, uint8 (n, 3, height / shrink, width / shrink).
     """
 
 @typing.overload

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`, `evaluate`; others join in here.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; the other commands join in here.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """
@@ -19,6 +19,7 @@ import emseg
 from emseg import cli_recordings as recordings
 from emseg.cli_evaluate import evaluate
 from emseg.cli_live import live, record
+from emseg.cli_nets import compare, nets_app
 from emseg.cli_options import CameraFile, ConfigFile, Preset, read_config
 from emseg.config import Config
 
@@ -189,6 +190,8 @@ app.command()(recordings.convert)
 app.command()(live)
 app.command()(record)
 app.command()(evaluate)
+app.add_typer(nets_app)
+app.command()(compare)
 
 
 @app.command()
