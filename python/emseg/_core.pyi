@@ -318,6 +318,9 @@ class SegmenterOptions:
         lambda_data: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 30.0,
         lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        polarity: str = "opposed",
+        footprint: str = "scattered",
+        flicker: str = "left_out",
         bracket_row: typing.SupportsInt | typing.SupportsIndex = 6,
         bracket_col: typing.SupportsInt | typing.SupportsIndex = 6,
         affine_trans2d_max: typing.SupportsFloat | typing.SupportsIndex = 5000.0,
@@ -327,7 +330,7 @@ class SegmenterOptions:
         num_iter_segmentation: typing.SupportsInt | typing.SupportsIndex = 5,
         num_iter_labeling: typing.SupportsInt | typing.SupportsIndex = 2,
         labelling: str = "bands",
-        sigma: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        sigma: typing.SupportsFloat | typing.SupportsIndex = 0.7,
         max_events: typing.SupportsInt | typing.SupportsIndex | None = 60000,
         mark_noise: bool = True,
         threads: typing.SupportsInt | typing.SupportsIndex = 0,
@@ -348,6 +351,10 @@ class SegmenterOptions:
     @property
     def data_term(self) -> str: ...
     @property
+    def flicker(self) -> str: ...
+    @property
+    def footprint(self) -> str: ...
+    @property
     def kinds(self) -> list[str]: ...
     @property
     def labelling(self) -> str: ...
@@ -365,6 +372,8 @@ class SegmenterOptions:
     def num_iter_labeling(self) -> int: ...
     @property
     def num_iter_segmentation(self) -> int: ...
+    @property
+    def polarity(self) -> str: ...
     @property
     def sigma(self) -> float: ...
     @property
@@ -404,6 +413,23 @@ class Segmenter:
         options: SegmenterOptions,
         camera: Camera | None = None,
     ) -> None: ...
+    def motion_losses(
+        self,
+        x: numpy.typing.NDArray[numpy.uint16],
+        y: numpy.typing.NDArray[numpy.uint16],
+        t: numpy.typing.NDArray[numpy.int64],
+        p: numpy.typing.NDArray[numpy.uint8],
+        t_ref: typing.SupportsInt | typing.SupportsIndex,
+        window: typing.SupportsFloat | typing.SupportsIndex,
+        own: tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]],
+        other: tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]],
+        offsets: collections.abc.Sequence[
+            tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]
+        ],
+    ) -> list[float]:
+        """
+        Nats an event that the other motion, moved by each offset (px over the window), loses against the own.
+        """
     def segment(
         self,
         x: numpy.typing.NDArray[numpy.uint16],
