@@ -3,8 +3,8 @@
     emseg simulate --suite CLIPS --seeds 0:7 --duration 0.5 --jobs 2
     python scripts/train_scene.py CLIPS --out python/emseg/data/scene_classifiers.json
 
-Every recording gives some windows, of lengths in which its objects move some pixels against the background.  The
-parts of a window are those that emseg finds in it; a part moves if most of its events are of objects.
+Every recording gives some windows, of lengths in which its objects move some pixels against the background.
+The parts of a window are those that emseg finds in it; a part moves if most of its events are of objects.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DISPLACEMENT = 8.0  # px of objects against the background, times .5 to 2
 
 @dataclass
 class Example:
-    """Parts of a window: features by themselves and against each possible background, and whether they move."""
+    """Parts of a window: features by themselves and against possible backgrounds, and whether they move."""
 
     recording: str
     appearance: Array
@@ -53,7 +53,9 @@ def background_flow(data: Any, frame: int) -> tuple[Array, Array, Array]:
     depth = data["gt_depth"][frame][y, x].astype(np.float64)
     known = (data["gt_mask"][frame][y, x] == 0) & np.isfinite(depth) & (depth > 0)
     x, y, depth = x[known], y[known], depth[known]
-    rays = np.stack([(x - camera[0, 2]) / camera[0, 0], (y - camera[1, 2]) / camera[1, 1], np.ones_like(depth)])
+    rays = np.stack(
+        [(x - camera[0, 2]) / camera[0, 0], (y - camera[1, 2]) / camera[1, 1], np.ones_like(depth)]
+    )
     moved = move[:3, :3] @ (rays * depth) + move[:3, 3:]
     seconds = (times[frame + 1] - times[frame]) * 1e-6
     to_x = moved[0] / moved[2] * camera[0, 0] + camera[0, 2]
@@ -80,6 +82,7 @@ def relative_speed(data: Any, time: int) -> float:
 
 
 def examples_of(path: Path) -> list[Example]:
+    """The examples of a recording, a window each."""
     data = dict(np.load(path))
     t, size = data["t"], {"width": int(data["width"]), "height": int(data["height"])}
     segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest"))
@@ -95,14 +98,16 @@ def examples_of(path: Path) -> list[Example]:
         events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), **size)
         found = segmenter.find_motions(events)
         tracker = Tracker(**size)
-        groups, _ = tracker._split(events, found.labels, found.models, found.t_ref)
+        groups, _ = tracker.split(events, found.labels, found.models, found.t_ref)
         parts = [p for p in scene.find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]
         if not parts:
             continue
         seconds = 1e-6 * max(1, int(events.t[-1] - events.t[0]))
 
-        def loss(own_events: Any, own: Any, other: Any, offsets: Any, f: Any = found, s: float = seconds) -> Any:
-            return segmenter._motion_losses(own_events, own, other, offsets, t_ref=f.t_ref, duration=s)
+        def loss(
+            own_events: Any, own: Any, other: Any, offsets: Any, f: Any = found, s: float = seconds
+        ) -> Any:
+            return segmenter.motion_losses(own_events, own, other, offsets, t_ref=f.t_ref, duration=s)
 
         window = scene.Window(events, seconds, loss, None)
         owners = data["label"][first:last].astype(np.int16)
@@ -122,7 +127,9 @@ def examples_of(path: Path) -> list[Example]:
                 path.stem,
                 np.array([scene.appearance(part, window) for part in parts]),
                 {
-                    b: np.array([scene.motion_against(p, parts[b] if b >= 0 else None, window) for p in parts])
+                    b: np.array(
+                        [scene.motion_against(p, parts[b] if b >= 0 else None, window) for p in parts]
+                    )
                     for b in [-1, *large]
                 },
                 scene_features,
@@ -136,14 +143,18 @@ def examples_of(path: Path) -> list[Example]:
     return examples
 
 
-def train(features: Array, moving: Array, weight: Array, *, hidden: int = 6, decay: float = 3e-3) -> scene.Perceptron:
+def train(
+    features: Array, moving: Array, weight: Array, *, hidden: int = 6, decay: float = 3e-3
+) -> scene.Perceptron:
     """Least mean logistic loss, weights decaying; deterministic."""
     mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-3
     z, sign, weight = (features - mean) / scale, 2 * moving - 1, weight / weight.sum()
     n = z.shape[1]
     cuts = np.cumsum([n * hidden, hidden, hidden])
     random = np.random.default_rng(0)
-    start = np.concatenate([random.normal(0, 0.3, n * hidden), np.zeros(hidden), random.normal(0, 0.3, hidden), [0]])
+    start = np.concatenate(
+        [random.normal(0, 0.3, n * hidden), np.zeros(hidden), random.normal(0, 0.3, hidden), [0]]
+    )
 
     def objective(values: Array) -> tuple[float, Array]:
         flat, bias, out, level = np.split(values, cuts)
@@ -153,7 +164,11 @@ def train(features: Array, moving: Array, weight: Array, *, hidden: int = 6, dec
         value = weight @ np.logaddexp(0, -sign * logit) + decay * ((inner**2).sum() + (out**2).sum())
         slope = -weight * sign / (1 + np.exp(np.clip(sign * logit, -50, 50)))
         back = np.outer(slope, out) * (1 - active**2)
-        gradient = [(z.T @ back + 2 * decay * inner).ravel(), back.sum(axis=0), active.T @ slope + 2 * decay * out]
+        gradient = [
+            (z.T @ back + 2 * decay * inner).ravel(),
+            back.sum(axis=0),
+            active.T @ slope + 2 * decay * out,
+        ]
         return float(value), np.concatenate([*gradient, [slope.sum()]])
 
     solution = minimize(objective, start, jac=True, method="L-BFGS-B", options={"maxiter": 400}).x
@@ -162,15 +177,22 @@ def train(features: Array, moving: Array, weight: Array, *, hidden: int = 6, dec
 
 
 def chosen_background(example: Example, classifier: scene.Perceptron) -> int:
+    """Index of the part taken for the background by its appearance, as scene.choose_background does; or -1."""
     still = 1 / (1 + np.exp(np.clip(classifier(example.appearance), -50, 50)))
     best, score = -1, 0.0
     for k in example.against:
-        if k >= 0 and example.areas[k] >= 0.03 and still[k] >= 0.25 and example.areas[k] ** 0.5 * still[k] > score:
+        if (
+            k >= 0
+            and example.areas[k] >= 0.03
+            and still[k] >= 0.25
+            and example.areas[k] ** 0.5 * still[k] > score
+        ):
             best, score = k, example.areas[k] ** 0.5 * still[k]
     return best
 
 
 def both_features(example: Example, classifier: scene.Perceptron) -> Array:
+    """Of every part, by itself and against the background chosen."""
     return np.hstack([example.appearance, example.against[chosen_background(example, classifier)]])
 
 
@@ -178,6 +200,8 @@ Classifiers = tuple[scene.Perceptron, scene.Perceptron, scene.Perceptron]
 
 
 def train_all(examples: list[Example]) -> Classifiers:
+    """Three networks: by appearance, against one part, against all that truly stands still."""
+
     def columns(chosen: list[Example]) -> tuple[Array, Array]:
         moving = np.concatenate([e.moving for e in chosen]).astype(np.float64)
         # A window counts once, its parts by the root of their events.
@@ -186,12 +210,14 @@ def train_all(examples: list[Example]) -> Classifiers:
     first = train(np.concatenate([e.appearance for e in examples]), *columns(examples))
     second = train(np.concatenate([both_features(e, first) for e in examples]), *columns(examples))
     known = [e for e in examples if e.against_scene is not None]
-    third = train(np.concatenate([np.hstack([e.appearance, e.against_scene]) for e in known]), *columns(known))
+    third = train(
+        np.concatenate([np.hstack([e.appearance, e.against_scene]) for e in known]), *columns(known)
+    )
     return first, second, third
 
 
 def score(examples: list[Example], classifiers: Classifiers) -> dict[str, Array]:
-    """Moving IoU by one part's motion, by that of all that truly stands still, and at best; mean by recording."""
+    """Moving IoU by one part's motion, by that of all that stands still, and at best; mean by recording."""
     figures: dict[str, list[list[float]]] = {}
     for example in examples:
         if (example.owners > 0).sum() < 200:
@@ -209,7 +235,10 @@ def score(examples: list[Example], classifiers: Classifiers) -> dict[str, Array]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Train, report, and write the weights if asked to."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("clips", type=Path, nargs="+", help="folders of simulated recordings")
     parser.add_argument("--out", type=Path, help="file of weights; none: only report")
     parser.add_argument("--test", type=Path, nargs="*", default=[], help="folders to report on only")

@@ -28,7 +28,16 @@ from emseg.render import label_picture, motion_picture, polarity_picture, side_b
 from emseg.video import VideoError, VideoWriter, film
 from emseg.writers import ResultWriter, SequenceResult, atomic_folder, load_result, write_png
 
-__all__ = ["Job", "Outcome", "find_inputs", "name_inputs", "read_result", "render_video", "run_job", "source_commit"]
+__all__ = [
+    "Job",
+    "Outcome",
+    "find_inputs",
+    "name_inputs",
+    "read_result",
+    "render_video",
+    "run_job",
+    "source_commit",
+]
 
 _log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; the other commands join in here.
+"""The command line: `emseg segment`, `config`, `demo`, `render`, `view`, `simulate`; others join in here.
 
 Exit status: 0 done, 1 some inputs failed (each named, the others done), 2 bad usage.
 """

@@ -1,11 +1,11 @@
 """What of a window is the still scene and what moves.
 
-A still scene at several depths moves at several speeds in the image, an object may make most of the events, and a
-straight edge leaves its motion along itself open.  No single number tells them apart, but together a few do: how much
-of the view a part spans, whether it reaches the sensor's border, and how many nats an event of it loses when it is
-made to move as the rest of the scene does, or within a few pixels of that, as parallax would have it.  A small network
-weighs them.  It was trained on simulated scenes (scripts/train_scene.py), none of which is a recording or a scene that
-emseg is measured on.
+A still scene at several depths moves at several speeds in the image, an object may make most of the events,
+and a straight edge leaves its motion along itself open.  No single number tells them apart, but together a
+few do: how much of the view a part spans, whether it reaches the sensor's border, and how many nats an event
+of it loses when it is made to move as the rest of the scene does, or within a few pixels of that, as parallax
+would have it.  A small network weighs them.  It was trained on simulated scenes (scripts/train_scene.py),
+none of which is a recording or a scene that emseg is measured on.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -98,13 +98,12 @@ class Part:
         return (left + right) / 2, (top + bottom) / 2
 
 
-def find_parts(
-    events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], MotionModel]]
-) -> list[Part]:
+def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], MotionModel]]) -> list[Part]:
     """Parts of a window, from the indices of the events and the motion of each."""
     columns, rows = -(-events.width // _TILE), -(-events.height // _TILE)
     tile = (events.y // _TILE).astype(np.intp) * columns + events.x // _TILE
-    counts = np.full((len(groups) + 1, rows * columns), 2)  # the first is nobody's: two events make no tile
+    # The first is nobody's: two events make no tile.
+    counts = np.full((len(groups) + 1, rows * columns), 2)
     for number, (own, _) in enumerate(groups, 1):
         counts[number] = np.bincount(tile[own], minlength=rows * columns)
     winner = counts.argmax(axis=0).reshape(rows, columns)
@@ -116,7 +115,9 @@ def find_parts(
 
 def _inner_box(events: EventArray, own: npt.NDArray[np.intp]) -> tuple[float, float, float, float]:
     low, high = len(own) // 50, len(own) - 1 - len(own) // 50
-    (left, right), (top, bottom) = (np.partition(v[own], (low, high))[[low, high]] for v in (events.x, events.y))
+    (left, right), (top, bottom) = (
+        np.partition(v[own], (low, high))[[low, high]] for v in (events.x, events.y)
+    )
     return float(left), float(top), float(right), float(bottom)
 
 
@@ -148,7 +149,9 @@ class Window:
         camera: The camera, if there is one.
     """
 
-    def __init__(self, events: EventArray, duration: float, loss: LossFunction, camera: Camera | None) -> None:
+    def __init__(
+        self, events: EventArray, duration: float, loss: LossFunction, camera: Camera | None = None
+    ) -> None:
         self.events = events
         self.duration = duration
         self.loss = loss
@@ -161,16 +164,12 @@ class Window:
             if model.kind == "similarity":
                 r = np.array([x - (self.events.width - 1) / 2, y - (self.events.height - 1) / 2])
                 gain, angle = 1 + model.params[2], model.params[3]
-                turned = [r[0] * np.cos(angle) - r[1] * np.sin(angle), r[0] * np.sin(angle) + r[1] * np.cos(angle)]
-                velocity = velocity + gain * np.array(turned) - r
+                cos, sin = np.cos(angle), np.sin(angle)
+                turned = np.array([r[0] * cos - r[1] * sin, r[0] * sin + r[1] * cos])
+                velocity = velocity + gain * turned - r
             return velocity * self.duration
-        place = [min(max(round(v), 0), last - 1) for v, last in ((x, self.events.width), (y, self.events.height))]
-        columns = {"width": self.events.width, "height": self.events.height}
-        twice = EventArray([place[0]] * 2, [place[1]] * 2, [0, 1000], [0, 0], **columns)
-        at, moved = warp(twice, model, 0, camera=self.camera).astype(np.float64)
-        result: npt.NDArray[np.float64] = (at - moved) * 1e3 * self.duration
+        result: npt.NDArray[np.float64] = self.displacements(model, np.array([[x, y]]))[0]
         return result
-
 
     def displacements(self, model: MotionModel, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """As `displacement`, of places (n, 2): (n, 2)."""
@@ -193,19 +192,20 @@ class Window:
 def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
     """One planar motion for all of several parts that stand still, each weighing by its area.
 
-    A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the image's
-    coordinates.  They are fitted to the displacements of the parts at their tiles by least squares with Cauchy weights.
+    A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the
+    image's coordinates.  They are fitted to the displacements of the parts at their tiles by least squares
+    with Cauchy weights.
     """
     events = window.events
-    places, flows = [], []
+    places, flows, weights = [], [], []
     for part in parts:
         y, x = np.nonzero(part.tiles)
-        at = (np.column_stack([x, y]) + 0.5) * _TILE
+        at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
         at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
         places.append(at)
         flows.append(window.displacements(part.model, at))
-    weight = np.concatenate([np.full(len(at), (part.area + 1e-3) / len(at)) for at, part in zip(places, parts, strict=True)])
-    flow = np.concatenate(flows)
+        weights.append(np.full(len(at), (part.area + 1e-3) / len(at)))
+    flow, weight = np.concatenate(flows), np.concatenate(weights)
     r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
     f0 = max(events.width, events.height)
     one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
@@ -223,7 +223,7 @@ def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
         rows = np.concatenate([terms[0] * scale[:, None], terms[1] * scale[:, None], calm])
         values = np.concatenate([flow[:, 0] * scale, flow[:, 1] * scale, np.zeros(8)])
         fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
-        error = np.linalg.norm(np.stack([terms[0] @ fitted, terms[1] @ fitted], axis=-1) - flow, axis=1)
+        error = np.linalg.norm((terms @ fitted).T - flow, axis=1)
         robust = 1 / (1 + (error / 2) ** 2)
     return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
 
@@ -231,15 +231,16 @@ def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
 def _share_gone(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
     """How far a part went within the window, as a share of what its motion says: about 1 if that is true.
 
-    The late events of what moves lie further along than the early ones.  An edge that nearly follows the columns of
-    pixels looks as if it moved along itself, fast, but stays where it is.  1/2 where too little motion tells.
+    The late events of what moves lie further along than the early ones.  An edge that nearly follows the
+    columns of pixels looks as if it moved along itself, fast, but stays where it is.  1/2 where too little
+    motion tells.
     """
     speed = float(np.linalg.norm(along))
     if speed < 5 or len(part.own) < 3 * 10:
         return 0.5
-    own = part.own if len(part.own) <= 1500 else part.own[np.linspace(0, len(part.own) - 1, 1500).astype(np.intp)]
-    t = events.t[own]
-    place = (events.x[own] * along[0] + events.y[own] * along[1]) / speed
+    own = _some_events(events, part, 1500)
+    t = own.t
+    place = (own.x * along[0] + own.y * along[1]) / speed
     third = (t[-1] - t[0]) / 3
     early, late = place[t < t[0] + third], place[t > t[-1] - third]
     if min(len(early), len(late)) < 10:
@@ -358,11 +359,12 @@ def _classifiers() -> tuple[Perceptron, Perceptron, Perceptron]:
     """By appearance alone, with the motion against one part, and with that against all that stands still."""
     text = resources.files("emseg").joinpath("data/scene_classifiers.json").read_text()
     weights = json.loads(text)
-    first, second, third = (
-        Perceptron(**{name: np.array(v) if isinstance(v, list) else v for name, v in weights[which].items()})
-        for which in ("appearance", "part", "scene")
-    )
-    return first, second, third
+    return _perceptron(weights["appearance"]), _perceptron(weights["part"]), _perceptron(weights["scene"])
+
+
+def _perceptron(weights: dict[str, Any]) -> Perceptron:
+    level = float(weights.pop("level"))
+    return Perceptron(**{name: np.array(v, dtype=np.float64) for name, v in weights.items()}, level=level)
 
 
 def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
@@ -376,10 +378,10 @@ def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
 
 
 def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
-    """How likely each part is to move by itself, as logits; the part taken for the background; and its motion.
+    """How likely each part is to move by itself, as logits; the part taken for the background; its motion.
 
-    The camera comes first: what surely stands still by one part's motion gives the motion of all, against which
-    every part is held again.
+    The camera comes first: what surely stands still by one part's motion gives the motion of all, against
+    which every part is held again.
     """
     if not parts:
         return np.empty(0), None, STILL
@@ -398,7 +400,7 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
 
 
 def _doubt(own: Features) -> Features:
-    """Of parts that did not go where their motions say; rarer in training than where pillars stand in the view."""
+    """Of parts that did not go where their motions say: rarer in training than with pillars in the view."""
     speed, went = own[:, 7] * 10, own[:, 8]
     doubt: Features = _DOUBT * np.maximum(0.0, 0.4 - went) * np.minimum(1.0, speed / 12)
     return doubt

@@ -278,11 +278,11 @@ class Segmenter:
             self.width,
             self.height,
             self.camera,
-            self._motion_losses if judged else None,
+            self.motion_losses if judged else None,
             least_evidence=least_evidence,
         )
 
-    def _motion_losses(
+    def motion_losses(
         self,
         events: EventArray,
         own: MotionModel,
@@ -292,6 +292,20 @@ class Segmenter:
         t_ref: int,
         duration: float,
     ) -> list[float]:
+        """Nats an event that another motion loses against the events' own, once for every offset of it.
+
+        Args:
+            events: The events to be explained, a part of a window.
+            own: Their motion.
+            other: The motion that they are held against.
+            offsets: Displacements (x, y) added to the other motion's, px over the window.
+            t_ref: The window's reference time, µs.
+            duration: The window's, s.
+
+        Raises:
+            ValueError: the events' sensor is not this segmenter's.
+        """
+        self._check_sensor(events)
         losses: list[float] = self._engine.motion_losses(
             events.x, events.y, events.t, events.p, t_ref, duration, own.native(), other.native(), offsets
         )
@@ -375,8 +389,8 @@ class Segmenter:
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
         known: Sequence[MotionModel] = ()
-        # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one found,
-        # whatever the number of threads, so that the labels do not depend on it.
+        # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
+        # found, whatever the number of threads, so that the labels do not depend on it.
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
             while True:
                 done = None
@@ -402,7 +416,7 @@ class Segmenter:
                 yield found.relabelled(objects, start=start)
 
     def _first_duration(self, buffer: EventBuffer) -> int | None:
-        """How long the first window is to last, µs, by trying; None where windows have no duration of their own."""
+        """How long the first window is to last, µs, by trying; None: windows have no adaptive one."""
         if self.config.num_events_per_image is not None or self.config.window_duration is not None:
             return None
         wanted = FIRST_TRIAL_US

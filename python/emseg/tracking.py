@@ -199,7 +199,7 @@ class Tracker:
             models: One per label, in the order of the labels.
             t_ref: Reference time, µs; later than the last window's.
         """
-        groups, crumbs = self._split(events, labels, models, t_ref)
+        groups, crumbs = self.split(events, labels, models, t_ref)
         parts = find_parts(events, groups)
         duration = max(1, int(events.t[-1] - events.t[0])) * 1e-6 if len(events) else 1e-6
         loss = partial(self._loss, t_ref=t_ref, duration=duration) if self._loss else _no_loss
@@ -213,10 +213,13 @@ class Tracker:
         boxes = [bounding_box(warp(events[p.own], p.model, t_ref, camera=self._camera)) for p in parts]
         seen = self._match(boxes, [part is background for part in parts], t_ref)
         evidence = [
-            logit + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
+            logit
+            + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
             for logit, box, track in zip(logits, boxes, seen, strict=True)
         ]
-        moving = [k for k in range(len(parts)) if evidence[k] > self._least_evidence and parts[k] is not background]
+        moving = [
+            k for k in range(len(parts)) if evidence[k] > self._least_evidence and parts[k] is not background
+        ]
         flows = {k: self._flow(parts[k], still_model, window) for k in moving}
         objects = self._join(parts, moving, flows)
 
@@ -224,7 +227,9 @@ class Tracker:
         by_object = self._number(objects, numbers, [len(part.own) for part in parts])
         by_part = [(flows[k], len(parts[k].own)) for k in moving]
         along = self._slowest([p for k, p in enumerate(parts) if k not in flows], still_model, window)
-        found = Objects(*_paint(labels, crumbs, parts, objects, by_object, still_model, moving), by_part, along)
+        found = Objects(
+            *_paint(labels, crumbs, parts, objects, by_object, still_model, moving), by_part, along
+        )
         for k, part in enumerate(parts):
             if part is not background:
                 velocity = window.displacement(part.model, *part.centre) / window.duration
@@ -233,10 +238,10 @@ class Tracker:
         self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
         return found
 
-    def _split(
+    def split(
         self, events: EventArray, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], t_ref: int
     ) -> tuple[list[tuple[npt.NDArray[np.intp], MotionModel]], list[npt.NDArray[np.intp]]]:
-        """Events and motion of every part, and crumbs: chance coincidences of a motion with something else."""
+        """Indices of the events and motion of every part, and of crumbs: chance meetings of motions."""
         groups, crumbs = [], []
         for model in models:
             own = np.flatnonzero(labels == model.label)
@@ -284,7 +289,8 @@ class Tracker:
         objects: list[list[int]] = []
         for k in sorted(moving, key=lambda k: -len(parts[k].own)):
             home = next(
-                (o for o in objects if any(_one_body(parts[k], flows[k], parts[m], flows[m]) for m in o)), None
+                (o for o in objects if any(_one_body(parts[k], flows[k], parts[m], flows[m]) for m in o)),
+                None,
             )
             if home is None:
                 objects.append([k])
@@ -293,7 +299,7 @@ class Tracker:
         return objects
 
     def _number(self, objects: list[list[int]], numbers: list[int], sizes: list[int]) -> list[int]:
-        """A number for every object: the one that most of its events had, else a new one; told to its parts."""
+        """A number for every object: the one that most of its events had, else a new one; its parts get it."""
         by_object = []
         taken: set[int] = set()
         for own in objects:
@@ -326,7 +332,8 @@ def _went(track: _Track, box: Box, window: Window, background: MotionModel, t_re
     before = np.array([x + w / 2, y + h / 2])
     now = np.array([box[0] + box[2] / 2, box[1] + box[3] / 2])
     own = before + track.velocity * seconds
-    still = before + window.displacement(background, float(before[0]), float(before[1])) / window.duration * seconds
+    stays = window.displacement(background, float(before[0]), float(before[1])) / window.duration
+    still = before + stays * seconds
     apart = float(np.linalg.norm(own - still))
     if apart < _TOLD_APART:
         return 0.0
@@ -363,7 +370,7 @@ def _paint(
 
 
 def _one_body(a: Part, flow_a: npt.NDArray[np.float64], b: Part, flow_b: npt.NDArray[np.float64]) -> bool:
-    """Whether two moving parts are limbs of one body: they touch, and go the same way at comparable speeds."""
+    """Whether two moving parts are limbs of one body: they touch and go the same way at like speeds."""
     grown = b.tiles.copy()
     grown[1:] |= b.tiles[:-1]
     grown[:-1] |= b.tiles[1:]

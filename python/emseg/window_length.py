@@ -14,7 +14,8 @@ __all__ = ["FIRST_TRIAL_US", "next_duration"]
 FIRST_TRIAL_US: Final = 60_000
 """Duration that the first window of a recording is tried with."""
 
-_APART: Final = 10.0  # px that objects shall move against the background: enough to be told from it, and uniform
+# px that objects shall move against the background: enough to be told from it, and uniform
+_APART: Final = 10.0
 _TOO_NEAR, _TOO_FAR = 5.0, 18.0  # px: a window in between is left as long as it is
 _SLOW_SHARE: Final = 0.3  # of the moving events, that may move less
 _ALONG_LEAST: Final = 4.0  # px that a moving background moves at least: its edges look false with less
@@ -25,10 +26,12 @@ _CALM_US: Final = 25_000  # where the background moves little: shorter ones show
 
 
 def next_duration(duration_us: int, found: Objects) -> int:
-    """Duration, µs, that the window after one of `duration_us` shall have; at most twice as long or as short.
+    """Duration, µs, that the window after one of `duration_us` shall have.
 
-    Slower objects count, not faster ones: too short a window makes false motions, which are fast, too long a one loses
-    the fastest objects only.
+    It is at most twice as long or as short, but for the bounds, which come last.
+
+    Slower objects count, not faster ones: too short a window makes false motions, which are fast, too long a
+    one loses the fastest objects only.
     """
     factor = 1.5
     if found.flows:
