@@ -30,12 +30,11 @@ from emseg.live.thinning import Thinning, even_sample
 from emseg.motion import MotionModel
 from emseg.segmentation import Segmentation, Segmenter
 from emseg.tracking import Tracker
+from emseg.window_length import FIRST_TRIAL_US, next_duration
 
 __all__ = ["LiveFigures", "LiveSegmenter", "LiveWindow"]
 
 _AT_A_TIME: Final = 2
-_WINDOWS_ON_TRUST: Final = 8  # as Segmenter.run has them
-_HISTORY_US: Final = 200_000  # of events, from which the length of windows is judged afresh
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ class LiveSegmenter:
         self._ended = threading.Event()
         self._skipped = 0
         self._origin: int | None = None
-        self._history: deque[EventArray] = deque()
+        self._wanted_us = FIRST_TRIAL_US  # by the windows that are done; read while the next ones start
         self.figures = LiveFigures()
 
     def run(self) -> Iterator[LiveWindow]:
@@ -217,14 +216,13 @@ class LiveSegmenter:
             if len(running) == self._lanes:
                 last, seconds = running[0].future.result()
                 self._thinning.note(running.popleft().kept, seconds)
-            duration = None if last is None else self._duration(last, count)
+            duration = self._wanted_us
             size = self._windows.window_size(buffer, duration)
             if not size:
                 return
             place = self._catch_up(buffer, size, duration)
             window = buffer.take(place.size)
             kept = self._thin(window, place)
-            self._remember(kept)
             candidates = [] if last is None else last.models
             engine = self._segmenters[count % self._lanes]
             future = executor.submit(_timed_segment, engine, kept, candidates)
@@ -232,23 +230,6 @@ class LiveSegmenter:
             running.append(task)
             tasks.put(task)
             count += 1
-
-    def _duration(self, last: Segmentation, count: int) -> int:
-        """How long the next window is to last, µs: by the last one, and now and then judged afresh.
-
-        What is to come cannot be waited for, so that it is judged from what has been.
-        """
-        if count % _WINDOWS_ON_TRUST or not self._history:
-            return last.next_duration
-        history = EventArray.concatenate(self._history)
-        buffer = EventBuffer(history, width=history.width, height=history.height)
-        judged = history[: self._windows.window_size(buffer)].duration
-        return judged or last.next_duration
-
-    def _remember(self, window: EventArray) -> None:
-        self._history.append(window)
-        while len(self._history) > 1 and window.t[-1] - self._history[1].t[0] > _HISTORY_US:
-            self._history.popleft()
 
     def _catch_up(self, buffer: EventBuffer, size: int, duration: int | None) -> _Place:
         """Skip events while more than a window waits behind the next one, which has `size` events now."""
@@ -278,6 +259,7 @@ class LiveSegmenter:
         """Number the objects, count the events, and note how long it all took."""
         found, _ = task.future.result()
         objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
+        self._wanted_us = next_duration(found.duration, objects)
         figures, window = self.figures, task.window
         start = figures.labelled
         latency = time.monotonic() - self._queue.arrival(int(window.t[-1]))
