@@ -13,6 +13,7 @@ import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,8 +85,9 @@ def relative_speed(data: Any, time: int) -> float:
 def examples_of(path: Path) -> list[Example]:
     """The examples of a recording, a window each."""
     data = dict(np.load(path))
-    t, size = data["t"], {"width": int(data["width"]), "height": int(data["height"])}
-    segmenter = emseg.Segmenter(**size, config=emseg.Config(threads=1, background="widest"))
+    t, width, height = data["t"], int(data["width"]), int(data["height"])
+    segmenter = emseg.Segmenter(width, height, config=emseg.Config(threads=1, background="widest"))
+    tracker = Tracker(width, height)
     random = np.random.default_rng(sum(path.name.encode()))
     examples = []
     for place in np.linspace(0.06, 0.9, WINDOWS):
@@ -95,21 +97,15 @@ def examples_of(path: Path) -> list[Example]:
         last = min(last, first + 300_000)
         if last - first < 500:
             continue
-        events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), **size)
+        events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), width=width, height=height)
         found = segmenter.find_motions(events)
-        tracker = Tracker(**size)
         groups, _ = tracker.split(events, found.labels, found.models, found.t_ref)
         parts = [p for p in scene.find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]
         if not parts:
             continue
         seconds = 1e-6 * max(1, int(events.t[-1] - events.t[0]))
-
-        def loss(
-            own_events: Any, own: Any, other: Any, offsets: Any, f: Any = found, s: float = seconds
-        ) -> Any:
-            return segmenter.motion_losses(own_events, own, other, offsets, t_ref=f.t_ref, duration=s)
-
-        window = scene.Window(events, seconds, loss, None)
+        loss = partial(segmenter.motion_losses, t_ref=found.t_ref, duration=seconds)
+        window = scene.Window(events, seconds, loss)
         owners = data["label"][first:last].astype(np.int16)
         large = sorted(range(len(parts)), key=lambda k: -parts[k].area)[:4]
         part_of_event = np.full(len(events), -1, np.int16)
@@ -177,7 +173,7 @@ def train(
 
 
 def chosen_background(example: Example, classifier: scene.Perceptron) -> int:
-    """Index of the part taken for the background by its appearance, as scene.choose_background does; or -1."""
+    """Index of the part that scene.choose_background takes; -1 for none."""
     still = 1 / (1 + np.exp(np.clip(classifier(example.appearance), -50, 50)))
     best, score = -1, 0.0
     for k in example.against:
@@ -209,10 +205,9 @@ def train_all(examples: list[Example]) -> Classifiers:
 
     first = train(np.concatenate([e.appearance for e in examples]), *columns(examples))
     second = train(np.concatenate([both_features(e, first) for e in examples]), *columns(examples))
-    known = [e for e in examples if e.against_scene is not None]
-    third = train(
-        np.concatenate([np.hstack([e.appearance, e.against_scene]) for e in known]), *columns(known)
-    )
+    known = [(e, e.against_scene) for e in examples if e.against_scene is not None]
+    scenes = np.concatenate([np.hstack([e.appearance, against]) for e, against in known])
+    third = train(scenes, *columns([e for e, _ in known]))
     return first, second, third
 
 

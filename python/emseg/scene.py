@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 MIN_EVENTS: Final = 30
-"""Of a part: what is smaller is not judged."""
+"""Of a part: what is smaller is not learnt from."""
 
 _SURELY_STILL: Final = -1.0  # logit
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all

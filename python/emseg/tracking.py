@@ -299,7 +299,7 @@ class Tracker:
         return objects
 
     def _number(self, objects: list[list[int]], numbers: list[int], sizes: list[int]) -> list[int]:
-        """A number for every object: the one that most of its events had, else a new one; its parts get it."""
+        """A number for every object: that most of its events had, else a new one; its parts get it."""
         by_object = []
         taken: set[int] = set()
         for own in objects:

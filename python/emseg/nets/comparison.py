@@ -24,7 +24,8 @@ from scipy import ndimage
 
 import emseg
 from emseg.batch import source_commit
-from emseg.metrics import MIN_EVENTS, detected_boxes, event_moving_iou
+from emseg.metrics import detected_boxes, event_moving_iou
+from emseg.metrics.events import MIN_EVENTS
 from emseg.nets.pictures import captioned, mask_picture, row
 from emseg.nets.recordings import SimulatedRecording
 from emseg.nets.settings import SliceSettings
