@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -44,6 +44,8 @@ SHARED_EVENTS: Final = 30_000  # of the windows for pools and threads
 FITTING: Final = ("model_pool", "refit")  # stages that fit motions
 FASTEST: Final = 300.0  # px/s, of the pool's further motions
 LAMBDA_SMOOTH, LAMBDA_LABEL = 30, 8000
+# The true labels are of motions, and the outlines have no signs.
+CONFIG: Final = emseg.Config(background="widest", polarity="ignored")
 
 
 def check(window: BenchWindow, found: emseg.Segmentation) -> None:
@@ -78,14 +80,14 @@ def memory_mb(window: BenchWindow) -> float:
         path = Path(folder) / "window.npz"
         columns = {name: getattr(events, name) for name in "xytp"}
         np.savez(path, allow_pickle=False, width=events.width, height=events.height, **columns)
-        settings = json.dumps(asdict(emseg.Config(threads=1)))
+        settings = json.dumps(asdict(replace(CONFIG, threads=1)))
         return float(run_fresh(str(path), settings)["peak_mb_over_events"])
 
 
 def bench_events(events: int, width: int, height: int, repeats: int) -> dict[str, Any]:
     """One cold window, by one thread."""
     window = moving_outlines(events, width, height)
-    config = emseg.Config(threads=1)
+    config = replace(CONFIG, threads=1)
     timed = cpu_time(lambda: emseg.segment(window.events, config=config), repeats)
     check(window, timed.result)
     return {
@@ -136,7 +138,7 @@ def motion_pool(labels: int) -> list[emseg.MotionModel]:
 def bench_pool(labels: int, width: int, height: int, repeats: int) -> dict[str, Any]:
     """A whole window with a given pool, and expansion alone with the published data term."""
     window = moving_outlines(SHARED_EVENTS, width, height)
-    events, pool, config = window.events, motion_pool(labels), emseg.Config(threads=1)
+    events, pool, config = window.events, motion_pool(labels), replace(CONFIG, threads=1)
     timed = cpu_time(lambda: emseg.segment(events, config=config, pool=pool), repeats)
     check(window, timed.result)
     models = np.array([[*model.params, 0.0, 0.0] for model in pool])
@@ -168,7 +170,7 @@ def bench_pool(labels: int, width: int, height: int, repeats: int) -> dict[str, 
 def bench_threads(threads: Sequence[int], width: int, height: int, repeats: int) -> list[dict[str, Any]]:
     """One cold window by several numbers of threads, in turns: medians."""
     window = moving_outlines(SHARED_EVENTS, width, height)
-    configs = {count: emseg.Config(threads=count) for count in threads}
+    configs = {count: replace(CONFIG, threads=count) for count in threads}
     runs: dict[int, list[tuple[float, float, emseg.Segmentation]]] = {count: [] for count in threads}
     for turn in range(repeats + 1):
         for count, config in configs.items():

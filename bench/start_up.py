@@ -59,6 +59,12 @@ class Door:
         self.count(begun)
         return found
 
+    def motion_losses(self, *arguments):
+        begun = clock()
+        losses = self.engine.motion_losses(*arguments)
+        self.count(begun)
+        return losses
+
     def count(self, begun):
         global spent
         spent += clock() - begun

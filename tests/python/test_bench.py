@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import shutil
@@ -54,7 +55,8 @@ def test_sequences(tmp_path: Path) -> None:
             assert run["latency_p50_s"] <= run["latency_p95_s"] <= run["wall_s"]
             assert run["real_time_factor"] == pytest.approx(row["seconds"] / run["wall_s"])
         assert row["cold"]["cpu_s"] > 0
-    assert made["warm"]["moving_iou_oracle_windows"] == made["runs"][0]["windows"]
+    # A window in which too few events are of objects has no figure.
+    assert 1 <= made["warm"]["moving_iou_oracle_windows"] <= made["runs"][0]["windows"]
     assert made["warm"]["moving_iou_oracle"] > 0.5
     assert made["cold"]["moving_iou_oracle"] > 0.5
     assert cars["warm"] == {}  # its truth is boxes
@@ -70,7 +72,8 @@ def test_sequences_notice_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None
     recording = recordings.load("made_scene", 0.02)
     half = len(recording.events) // 2
     cold = [emseg.segment(part) for part in (recording.events[:half], recording.events[half:])]
-    one, two = (seg.relabelled(seg.labels, seg.models, start=k * half) for k, seg in enumerate(cold))
+    one, two = cold
+    two.start, two.stop = half, half + len(two.events)
     check_run(recording, [one, two])
     check_same(recording, [one, two], [one, two])
     wrong = {
@@ -83,7 +86,8 @@ def test_sequences_notice_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None
             check_run(recording, windows)
     with pytest.raises(AssertionError, match="1 windows, 2 by"):
         check_same(recording, [one], [one, two])
-    other = two.relabelled(1 - two.labels, two.models, start=two.start)
+    other = copy.copy(two)
+    other.labels = 1 - two.labels
     with pytest.raises(AssertionError, match="depend on the number of threads"):
         check_same(recording, [one, two], [one, other])
 

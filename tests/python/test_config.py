@@ -62,6 +62,10 @@ def test_copies_are_equal_and_checked() -> None:
         ("hybrid_model_combination", "5d", "'5d', expected '2d' or '3d'"),
         ("labelling", "fast", "'fast', expected 'bands' or 'exact'"),
         ("max_events_per_window", 0, "0, expected a whole number ≥ 1 ≤ 1e+08 events, or null"),
+        ("polarity", "signed", "'signed', expected 'opposed' or 'ignored'"),
+        ("footprint", "disc", "'disc', expected 'scattered' or 'point'"),
+        ("flicker", True, "True, expected 'left_out' or 'kept'"),
+        ("background", "largest", "'largest', expected 'scene' or 'widest'"),
         ("threads", -1, "-1, expected a whole number ≥ 0 ≤ 1024"),
     ],
 )
@@ -125,6 +129,11 @@ def test_published_files_are_read(tmp_path: Path) -> None:
         "data_term": "published",
         "noise_label": "off",
         "max_events_per_window": None,
+        "polarity": "ignored",
+        "footprint": "point",
+        "flicker": "kept",
+        "background": "widest",
+        "sigma": 1.0,
     }
     assert replace(config, **their_own) == Config.preset("eed/fast_drone")
 
@@ -170,6 +179,10 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
             "affine_trans2d_max": st.floats(1e-3, 1e6),
             "data_term": st.sampled_from(["logarithmic", "published"]),
             "labelling": st.sampled_from(["bands", "exact"]),
+            "polarity": st.sampled_from(["opposed", "ignored"]),
+            "footprint": st.sampled_from(["scattered", "point"]),
+            "flicker": st.sampled_from(["left_out", "kept"]),
+            "background": st.sampled_from(["scene", "widest"]),
             "max_events_per_window": st.none() | st.integers(1, 10**8),
             "hybrid_model_combination": st.sampled_from(["2d", "all", "auto", 0, 4, 6]),
             "seed": st.integers(0, 2**63 - 1),
@@ -218,6 +231,8 @@ def test_every_preset_is_as_published() -> None:
         assert (config.num_iter_segmentation, config.num_iter_labeling) == (5, 2)
         assert (config.hybrid_model_combination, config.data_term) == ("4d", "published")
         assert config.max_events_per_window is None
+        assert (config.polarity, config.footprint, config.flicker) == ("ignored", "point", "kept")
+        assert (config.background, config.sigma, config.noise_label) == ("widest", 1.0, "off")
 
 
 def test_unknown_preset() -> None:
@@ -259,6 +274,16 @@ def test_a_setting_reaches_the_engine(name: str) -> None:
 @pytest.mark.parametrize("count", [None, 1, 12_345])
 def test_the_most_events_of_a_window_reach_the_engine(count: int | None) -> None:
     assert engine_options(Config(max_events_per_window=count)).max_events == count
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("polarity", "ignored"), ("footprint", "point"), ("flicker", "kept")]
+)
+def test_how_events_are_taken_reaches_the_engine(name: str, value: str) -> None:
+    change: dict[str, Any] = {name: value}
+    assert getattr(engine_options(Config(**change)), name) == value != getattr(_core.SegmenterOptions(), name)
+    with pytest.raises(ValueError, match=f"unknown {name} 'other', expected"):
+        _core.SegmenterOptions(**{name: "other"})
 
 
 def test_the_way_of_labelling_reaches_the_engine() -> None:

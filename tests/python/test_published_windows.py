@@ -28,7 +28,7 @@ from emseg.metrics import one_to_one_accuracy
 
 SEARCHED = [name for name in WINDOWS if name != "640x480_15k"]  # of that one its search has no labels
 PUBLISHED = emseg.Config.preset("published")
-DEFAULTS = emseg.Config(noise_label="off")
+DEFAULTS = emseg.Config(noise_label="off", background="widest")  # labels are motions there, not objects
 
 
 @cache

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from engine_and_reference import (
+    AS_PUBLISHED,
     event_array,
     lens,
     reference_camera,
@@ -25,11 +26,13 @@ from emseg import reference
 from emseg.config import explain
 from emseg.metrics import one_to_one_accuracy
 
-PLAIN = {"noise_label": "off"}
+PLAIN = {**AS_PUBLISHED, "noise_label": "off"}
 CONFIGS = {
     "published": emseg.Config(**PLAIN, data_term="published", lambda_label=2000.0),
     "logarithmic": emseg.Config(**PLAIN, data_term="logarithmic", lambda_label=2000.0),
-    "heavy data": emseg.Config(**PLAIN, lambda_data=2.5, lambda_smooth=17.0, sigma=0.7, lambda_label=500.0),
+    "heavy data": emseg.Config(
+        **{**PLAIN, "sigma": 0.7}, lambda_data=2.5, lambda_smooth=17.0, lambda_label=500.0
+    ),
     "rotations": emseg.Config(**PLAIN, hybrid_model_combination="3d", lambda_label=2000.0),
     "affine": emseg.Config(**PLAIN, hybrid_model_combination="affine", lambda_label=2000.0),
 }
@@ -40,7 +43,10 @@ COST_MARGIN = 1e-3  # by which float32 may move a cost
 
 @cache
 def two_motions(seed: int = 0) -> tuple[emseg.EventArray, np.ndarray]:
-    """A textured scene that moves, and a smaller one before it that moves otherwise; labels 0 and 1."""
+    """A textured scene that moves, and a smaller one before it that moves otherwise; labels 0 and 1.
+
+    Every point of the texture is brighter or darker than what is around it, so that its events are of one sign.
+    """
     rng = np.random.default_rng(seed)
     count, width, height = 6000, 160, 120
     label = (rng.random(count) < 0.35).astype(int)
@@ -48,15 +54,12 @@ def two_motions(seed: int = 0) -> tuple[emseg.EventArray, np.ndarray]:
     thing = rng.uniform((60, 40), (100, 80), (80, 2))
     scene = scene[(np.abs(scene - (80, 60)) > 24).any(axis=1)]
     t = 500_000 + np.sort(rng.integers(0, 40_000, count))
-    start = np.where(
-        label[:, None] == 0,
-        scene[rng.integers(0, len(scene), count)],
-        thing[rng.integers(0, len(thing), count)],
-    )
+    point = np.where(label == 0, rng.integers(0, len(scene), count), rng.integers(0, len(thing), count))
+    start = np.concatenate([scene, thing])[point + label * len(scene)]
     velocity = np.array([(120.0, -60.0), (-150.0, 140.0)])[label]
     pixel = np.rint(start + velocity * ((t - 520_000) * 1e-6)[:, None]).astype(int)
     inside = ((pixel >= 0) & (pixel < (width, height))).all(axis=1)
-    events = event_array(*pixel[inside].T, t[inside], width=width, height=height)
+    events = event_array(*pixel[inside].T, t[inside], width=width, height=height, p=point[inside] % 2)
     return events, label[inside]
 
 
@@ -210,12 +213,17 @@ def same_result(a: emseg.Segmentation, b: emseg.Segmentation) -> bool:
 @given(st.integers(-(2**60), 2**60))
 def test_a_shift_in_time_changes_nothing(shift):
     events, _ = two_motions()
+    config = emseg.Config(footprint="point")
     shifted = event_array(
         events.x, events.y, events.t + shift, width=events.width, height=events.height, p=events.p
     )
-    before, after = emseg.segment(events), emseg.segment(shifted)
+    before, after = emseg.segment(events, config=config), emseg.segment(shifted, config=config)
     assert same_result(before, after)
     assert after.t_ref == before.t_ref + shift
+    # Where on its pixel an event is taken to be is a hash of its time too.
+    scattered = emseg.segment(shifted)
+    assert scattered.t_ref == after.t_ref
+    assert (scattered.labels == emseg.segment(events).labels).mean() > 0.98
 
 
 @pytest.mark.parametrize("threads", [2, 7])
@@ -239,7 +247,10 @@ def test_swapped_polarities_change_nothing():
     swapped = event_array(
         events.x, events.y, events.t, width=events.width, height=events.height, p=1 - events.p
     )
-    assert same_result(emseg.segment(events), emseg.segment(swapped))
+    ignored = emseg.Config(polarity="ignored")
+    assert same_result(emseg.segment(events, config=ignored), emseg.segment(swapped, config=ignored))
+    opposed, negative = emseg.segment(events), emseg.segment(swapped)
+    assert (opposed.labels == negative.labels).mean() > 0.999
 
 
 @settings(max_examples=5, deadline=None)
@@ -371,8 +382,9 @@ def test_noise_is_marked_and_everything_else_keeps_its_label():
         **size,
     )
     is_stray = (np.arange(len(t)) >= len(events))[order]
-    plain = emseg.segment(mixed, config=emseg.Config(noise_label="off"))
-    marked = emseg.segment(mixed)
+    # As motions: among objects, what lies apart from its motion's parts is -1 too.
+    plain = emseg.segment(mixed, config=emseg.Config(noise_label="off", background="widest"))
+    marked = emseg.segment(mixed, config=emseg.Config(background="widest"))
     assert (plain.labels >= 0).all()
     noise = marked.labels == -1
     np.testing.assert_array_equal(marked.labels[~noise], plain.labels[~noise])

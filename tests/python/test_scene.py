@@ -1,0 +1,248 @@
+"""What stands still and what moves: parts, the flow of all that is still, and the classifiers' answers."""
+
+from __future__ import annotations
+
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import emseg
+from emseg import EventArray, MotionModel
+from emseg.scene import (
+    STILL,
+    Part,
+    Perceptron,
+    Window,
+    choose_background,
+    find_parts,
+    moving_logits,
+    still_motion,
+)
+
+WIDTH, HEIGHT = 320, 240
+ROWS, COLUMNS = 15, 20  # tiles of 16 px
+
+
+def events_at(places: np.ndarray, t: np.ndarray | None = None, *, size: tuple[int, int]) -> EventArray:
+    times = np.arange(len(places)) if t is None else t
+    signs = np.zeros(len(places), np.uint8)
+    return EventArray(*np.rint(places).astype(np.int64).T, times, signs, width=size[0], height=size[1])
+
+
+def no_loss(*_: object) -> list[float]:
+    raise AssertionError("nothing is held against another motion here")
+
+
+def test_tiles_belong_to_who_has_most_of_their_events() -> None:
+    """Four tiles of a sensor of 40 x 20: 16, 16 and 8 px wide, 16 and 4 high."""
+    places = [(3, 3)] * 5 + [(4, 9)] * 6 + [(20, 3)] * 4 + [(39, 19)] * 3 + [(3, 18)] * 2
+    events = events_at(np.array(places), size=(40, 20))
+    first = np.r_[0:5, 11:15, 18:20]  # five in the first tile, four in the second, two below
+    second = np.r_[5:11, 15:18]  # six in the first, three in the last
+    groups = [(first, MotionModel("translation", label=0)), (second, MotionModel("translation", label=1))]
+    a, b = find_parts(events, groups)
+    assert a.tiles.tolist() == [[False, True, False], [False, False, False]]  # two events make no tile
+    assert b.tiles.tolist() == [[True, False, False], [False, False, True]]
+    assert (a.area, b.area) == (1 / 6, 2 / 6)
+    assert a.box == (3.0, 3.0, 20.0, 18.0)
+    assert b.centre == ((4 + 39) / 2, (9 + 19) / 2)
+
+
+@pytest.mark.parametrize("count", [1, 10])
+def test_parts_of_a_few_events(count: int) -> None:
+    events = events_at(np.full((count, 2), 7), size=(40, 20))
+    (part,) = find_parts(events, [(np.arange(count), STILL)])
+    assert part.tiles.sum() == (count > 2)
+    assert part.box == (7.0, 7.0, 7.0, 7.0)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        MotionModel("translation", (120.0, -80.0)),
+        MotionModel("similarity", (120.0, -80.0, 0.4, -0.7)),
+        MotionModel("affine", (50.0, 20.0, 0.3, -0.2, 0.5, 0.1)),
+        MotionModel("homography", (50.0, 20.0, 0.3, -0.2, 0.5, 0.1, 0.6, -0.4)),
+    ],
+    ids=lambda model: model.kind,
+)
+def test_displacements_of_one_place_and_of_many_agree(model: MotionModel) -> None:
+    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
+    places = np.array([[0.0, 0.0], [100.0, 30.0], [319.0, 239.0]])
+    many = window.displacements(model, places)
+    for place, displacement in zip(places, many, strict=True):
+        # Warping by a millisecond is the motion but for its curvature.
+        np.testing.assert_allclose(window.displacement(model, *place), displacement, atol=0.02)
+
+
+def tiles_part(model: MotionModel, rows: slice, columns: slice) -> Part:
+    tiles = np.zeros((ROWS, COLUMNS), bool)
+    tiles[rows, columns] = True
+    return Part(np.arange(100), model, tiles, (0.0, 0.0, 0.0, 0.0))
+
+
+def flow_of(params: tuple[float, ...], place: np.ndarray) -> np.ndarray:
+    """Planar flow, px/s: linear, and second order over the sensor's longer side."""
+    x, y = place[:, 0] - (WIDTH - 1) / 2, place[:, 1] - (HEIGHT - 1) / 2
+    vx, vy, a, b, c, d, g, h = params
+    perspective = (g * x + h * y) / WIDTH
+    return np.stack([vx + a * x + b * y + perspective * x, vy + c * x + d * y + perspective * y], axis=-1)
+
+
+def planar_parts(params: tuple[float, ...]) -> list[Part]:
+    """Parts of three by four tiles, each with the translation that a planar motion has in its middle."""
+    parts = []
+    for row in range(0, ROWS, 3):
+        for column in range(0, COLUMNS, 4):
+            middle = np.array([[(column + 2) * 16.0, (row + 1.5) * 16.0]])
+            velocity = flow_of(params, middle)[0].tolist()
+            parts.append(
+                tiles_part(MotionModel("translation", velocity), slice(row, row + 3), slice(column, column + 4))
+            )
+    return parts
+
+
+PLANAR = (200.0, -100.0, 0.8, -0.5, 0.6, 0.9, 0.7, -0.6)
+
+
+def worst_error(parts: list[Part], params: tuple[float, ...]) -> float:
+    """Of the flow found over the middle of the view, px over a window of 40 ms."""
+    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
+    found = still_motion(parts, window)
+    assert found.kind == "homography"
+    places = np.stack(np.meshgrid([60.0, 160.0, 260.0], [60.0, 120.0, 180.0]), axis=-1).reshape(-1, 2)
+    expected = flow_of(params, places) * window.duration
+    return float(np.linalg.norm(window.displacements(found, places) - expected, axis=1).max())
+
+
+def test_still_motion_is_the_planar_motion_of_its_parts() -> None:
+    assert np.linalg.norm(flow_of(PLANAR, np.array([[60.0, 60.0]])) - PLANAR[:2]) * 0.04 > 4  # far from uniform
+    assert worst_error(planar_parts(PLANAR), PLANAR) < 0.5
+
+
+def test_one_false_part_hardly_bends_the_motion_of_the_others() -> None:
+    parts = planar_parts(PLANAR)
+    true = worst_error(parts, PLANAR)
+    false = MotionModel("translation", (-2000.0, 3000.0))  # 144 px over the window
+    parts[7] = Part(parts[7].own, false, parts[7].tiles, parts[7].box)
+    assert worst_error(parts, PLANAR) < true + 0.25
+
+
+def test_a_perceptron_by_hand() -> None:
+    network = Perceptron(
+        mean=np.array([1.0, 2.0]),
+        scale=np.array([2.0, 4.0]),
+        hidden=np.array([[1.0, -1.0], [0.5, 2.0]]),
+        bias=np.array([0.25, -0.5]),
+        out=np.array([3.0, -2.0]),
+        level=0.75,
+    )
+    # (3, 4) is (1, 1/2) in standard units: 1 + 1/4 + 1/4 and -1 + 1 - 1/2.
+    expected = 3 * np.tanh(1.5) - 2 * np.tanh(-0.5) + 0.75
+    middle = 3 * np.tanh(0.25) - 2 * np.tanh(-0.5) + 0.75
+    np.testing.assert_allclose(network(np.array([[3.0, 4.0], [1.0, 2.0]])), [expected, middle])
+
+
+def test_the_background_is_large_and_likely_still() -> None:
+    large, small = (tiles_part(STILL, slice(0, n), slice(0, COLUMNS)) for n in (10, 4))
+    crumb = tiles_part(STILL, slice(0, 1), slice(0, 5))  # under 3 % of the view
+    parts = [large, small, crumb]
+    assert choose_background(parts, np.array([-3.0, -3.0, -9.0])) is large
+    assert choose_background(parts, np.array([0.9, -3.0, -9.0])) is small  # .29 √10 < .95 √4
+    assert choose_background(parts, np.array([2.0, 3.0, -9.0])) is None  # neither is likely to stand still
+    assert choose_background([], np.empty(0)) is None
+
+
+@settings(max_examples=50)
+@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3))
+def test_any_logit_will_do(logits: list[float]) -> None:
+    parts = [tiles_part(STILL, slice(0, n), slice(0, COLUMNS)) for n in (3, 6, 9)]
+    chosen = choose_background(parts, np.array(logits))
+    assert (chosen is None) == (min(logits) > np.log(3) + 1e-9)
+
+
+# Whole windows --------------------------------------------------------------------------------------------
+
+
+@cache
+def plane_and_patch(*, camera_speed: float = 150.0) -> tuple[EventArray, np.ndarray]:
+    """A plane of points that the camera passes, and a patch of them before it that goes its own way; 50 ms."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform((-20, -20), (WIDTH + 20, HEIGHT + 20), (700, 2))
+    points = points[(np.abs(points - (200, 120)) > 34).any(axis=1)]
+    patch = rng.uniform((172, 92), (228, 148), (120, 2))
+    label = np.repeat([0, 1], [15_000, 4_000])
+    t = rng.integers(0, 50_000, len(label))
+    order = np.argsort(t, kind="stable")
+    label, t = label[order], t[order]
+    point = np.where(label == 0, rng.integers(0, len(points), len(t)), rng.integers(0, 120, len(t)))
+    start = np.concatenate([points, patch])[point + label * len(points)]
+    velocity = np.array([(camera_speed, 40.0), (-160.0, 170.0)])[label]
+    place = np.rint(start + velocity * ((t - 25_000) * 1e-6)[:, None])
+    inside = ((place >= 0) & (place < (WIDTH, HEIGHT))).all(axis=1)
+    events = EventArray(
+        *place[inside].astype(np.int64).T, t[inside], point[inside] % 2, width=WIDTH, height=HEIGHT
+    )
+    return events, label[inside]
+
+
+def judge(
+    events: EventArray, groups: list[tuple[np.ndarray, MotionModel]]
+) -> tuple[list[Part], np.ndarray, Part | None, MotionModel]:
+    segmenter = emseg.Segmenter(events.width, events.height)
+    seconds = events.duration * 1e-6
+    loss = partial(segmenter.motion_losses, t_ref=25_000, duration=seconds)
+    parts = find_parts(events, groups)
+    return parts, *moving_logits(parts, Window(events, seconds, loss))
+
+
+def test_a_patch_moves_before_a_plane_that_stands_still() -> None:
+    events, truth = plane_and_patch()
+    models = [MotionModel("translation", (150.0, 40.0), 0), MotionModel("translation", (-160.0, 170.0), 1)]
+    groups = [(np.flatnonzero(truth == k), models[k]) for k in (0, 1)]
+    parts, logits, background, still = judge(events, groups)
+    assert background is parts[0]
+    assert logits[0] < 0 < logits[1]
+    window = Window(events, 0.05, no_loss)
+    np.testing.assert_allclose(window.displacement(still, 160, 120), (7.5, 2.0), atol=0.1)
+
+
+def test_a_part_of_the_plane_that_was_cut_off_stands_still() -> None:
+    events, truth = plane_and_patch()
+    plane = MotionModel("translation", (150.0, 40.0), 0)
+    thing = MotionModel("translation", (-160.0, 170.0), 1)
+    corner = (truth == 0) & (events.x < 80) & (events.y < 80)
+    groups = [(np.flatnonzero((truth == 0) & ~corner), plane), (np.flatnonzero(corner), plane)]
+    groups.append((np.flatnonzero(truth == 1), thing))
+    _, logits, _, _ = judge(events, groups)
+    assert logits[1] < 0 < logits[2]
+
+
+def test_the_segmenter_says_the_same() -> None:
+    events, truth = plane_and_patch()
+    found = emseg.Segmenter(WIDTH, HEIGHT).segment(events)
+    assert emseg.evaluate(truth, found.labels)["moving_iou_deployed"] > 0.9
+
+
+@pytest.mark.parametrize("count", [1, 2, 29])
+def test_parts_of_a_few_events_are_judged_without_harm(count: int) -> None:
+    events, truth = plane_and_patch()
+    plane, few = np.flatnonzero(truth == 0), np.flatnonzero(truth == 1)[:count]
+    models = [MotionModel("translation", (150.0, 40.0), 0), MotionModel("translation", (-160.0, 170.0), 1)]
+    parts, logits, background, _ = judge(events, [(plane, models[0]), (few, models[1])])
+    assert background is parts[0]
+    assert np.isfinite(logits).all()
+
+
+def test_a_window_without_events_has_no_parts() -> None:
+    nothing = EventArray([], [], [], [], width=WIDTH, height=HEIGHT)
+    assert find_parts(nothing, []) == []
+    logits, background, still = moving_logits([], Window(nothing, 1e-6, no_loss))
+    assert (len(logits), background) == (0, None)
+    assert still == STILL
+    found = emseg.Segmenter(WIDTH, HEIGHT).segment(nothing)
+    assert len(found.labels) == 0
+    assert [model.label for model in found.models] == [0]
