@@ -100,7 +100,9 @@ def planar_parts(params: tuple[float, ...]) -> list[Part]:
             middle = np.array([[(column + 2) * 16.0, (row + 1.5) * 16.0]])
             velocity = flow_of(params, middle)[0].tolist()
             parts.append(
-                tiles_part(MotionModel("translation", velocity), slice(row, row + 3), slice(column, column + 4))
+                tiles_part(
+                    MotionModel("translation", velocity), slice(row, row + 3), slice(column, column + 4)
+                )
             )
     return parts
 
@@ -119,7 +121,9 @@ def worst_error(parts: list[Part], params: tuple[float, ...]) -> float:
 
 
 def test_still_motion_is_the_planar_motion_of_its_parts() -> None:
-    assert np.linalg.norm(flow_of(PLANAR, np.array([[60.0, 60.0]])) - PLANAR[:2]) * 0.04 > 4  # far from uniform
+    assert (
+        np.linalg.norm(flow_of(PLANAR, np.array([[60.0, 60.0]])) - PLANAR[:2]) * 0.04 > 4
+    )  # far from uniform
     assert worst_error(planar_parts(PLANAR), PLANAR) < 0.5
 
 
@@ -169,7 +173,7 @@ def test_any_logit_will_do(logits: list[float]) -> None:
 
 @cache
 def plane_and_patch(*, camera_speed: float = 150.0) -> tuple[EventArray, np.ndarray]:
-    """A plane of points that the camera passes, and a patch of them before it that goes its own way; 50 ms."""
+    """50 ms of a plane of points that the camera passes, and of a patch before it that goes its own way."""
     rng = np.random.default_rng(1)
     points = rng.uniform((-20, -20), (WIDTH + 20, HEIGHT + 20), (700, 2))
     points = points[(np.abs(points - (200, 120)) > 34).any(axis=1)]

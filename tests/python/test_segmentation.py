@@ -45,7 +45,7 @@ COST_MARGIN = 1e-3  # by which float32 may move a cost
 def two_motions(seed: int = 0) -> tuple[emseg.EventArray, np.ndarray]:
     """A textured scene that moves, and a smaller one before it that moves otherwise; labels 0 and 1.
 
-    Every point of the texture is brighter or darker than what is around it, so that its events are of one sign.
+    Every point of the texture is brighter or darker than what is around it: its events are of one sign.
     """
     rng = np.random.default_rng(seed)
     count, width, height = 6000, 160, 120

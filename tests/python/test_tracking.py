@@ -1,21 +1,29 @@
-"""Parts and pairs of objects, beside SciPy, which is slow to import and so not used there."""
+"""Objects of parts through time.
+
+Parts and pairs are held against SciPy, which is slow to import and so not used there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from scipy.ndimage import label
+from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 
-from emseg.tracking import best_pairs, connected_components
+from emseg import EventArray, MotionModel, scene, tracking
+from emseg.scene import Part
+from emseg.tracking import Objects, Tracker, best_pairs, connected_components
 
 
 @settings(max_examples=200, deadline=None)
 @given(arrays(bool, array_shapes(min_dims=2, max_dims=2, max_side=12)))
 def test_components_are_scipys(occupied: np.ndarray) -> None:
-    expected, _ = label(occupied, structure=np.ones((3, 3)))
+    expected, _ = ndimage.label(occupied, structure=np.ones((3, 3)))
     assert np.array_equal(connected_components(occupied), expected - 1)
 
 
@@ -51,3 +59,168 @@ def test_pairs_gain_the_most(gain: np.ndarray) -> None:
     assert sum(gain[pair] for pair in pairs) == gain[linear_sum_assignment(-gain)].sum()
     for side in zip(*pairs, strict=True):
         assert len(set(side)) == len(side)
+
+
+# Objects --------------------------------------------------------------------------------------------------
+
+Thing = tuple[float, float, float, float]  # middle at the window's middle, px; velocity, px/s
+SIDE, EVENTS = 40, 2000
+
+
+def window(
+    *things: Thing, t_ref: int = 20_000, weights: Sequence[int] | None = None
+) -> tuple[EventArray, np.ndarray, list[MotionModel], int]:
+    """Squares of 40 px that move for 40 ms before a still ground all over the view; labels as by motion."""
+    rng = np.random.default_rng(0)
+    sizes = [4 * EVENTS, *(weights or [EVENTS] * len(things))]
+    label = np.repeat(np.arange(len(sizes)), sizes)
+    t = rng.integers(-20_000, 20_000, len(label))
+    order = np.argsort(t, kind="stable")
+    label, t = label[order], t[order]
+    middle = np.array([(160.0, 120.0), *(thing[:2] for thing in things)])[label]
+    velocity = np.array([(0.0, 0.0), *(thing[2:] for thing in things)])
+    side = np.where(label == 0, 1, SIDE)[:, None] * np.where((label == 0)[:, None], (320, 240), (1, 1))
+    place = middle + (rng.random((len(t), 2)) - 0.5) * side + velocity[label] * (t * 1e-6)[:, None]
+    pixel = np.clip(place, 0, (319, 239)).astype(np.int64)
+    events = EventArray(*pixel.T, t + t_ref, label % 2, width=320, height=240)
+    models = [MotionModel("translation", v, k) for k, v in enumerate(velocity)]
+    return events, label.astype(np.int32), models, t_ref
+
+
+def assign(tracker: Tracker, *things: Thing, t_ref: int = 20_000, **others: Sequence[int]) -> Objects:
+    return tracker.assign(*window(*things, t_ref=t_ref, **others))
+
+
+LEFT, RIGHT = (100.0, 120.0), (142.0, 120.0)  # side by side
+
+
+@pytest.mark.parametrize(
+    ("velocity", "objects"),
+    [
+        ((240.0, 60.0), 1),  # as the other, nearly
+        ((-200.0, 0.0), 2),  # the other way
+        ((0.0, 200.0), 2),  # across
+        ((40.0, 0.0), 2),  # the same way, a fifth as fast
+    ],
+)
+def test_parts_side_by_side_are_one_body_if_they_go_alike(
+    velocity: tuple[float, float], objects: int
+) -> None:
+    found = assign(Tracker(320, 240), (*LEFT, 200.0, 0.0), (*RIGHT, *velocity))
+    assert [model.label for model in found.models] == list(range(objects + 1))
+    assert [model.label for model in found.part_models] == [0, 1, 2]
+    assert set(np.unique(found.labels)) - {-1} == set(range(objects + 1))
+    assert set(np.unique(found.parts)) - {-1} == {0, 1, 2}
+
+
+def test_parts_that_go_alike_far_from_each_other_are_two_objects() -> None:
+    found = assign(Tracker(320, 240), (60.0, 60.0, 200.0, 0.0), (260.0, 180.0, 200.0, 0.0))
+    assert [model.label for model in found.models] == [0, 1, 2]
+
+
+def test_parts_are_numbered_within_objects_and_an_object_moves_as_its_largest_part() -> None:
+    events, labels, models, t_ref = window(
+        (*LEFT, 200.0, 0.0), (*RIGHT, 240.0, 60.0), (260.0, 40.0, 0.0, 300.0), weights=[1000, 2000, 1500]
+    )
+    found = Tracker(320, 240).assign(events, labels, models, t_ref)
+    assert [model.label for model in found.models] == [0, 1, 2]
+    np.testing.assert_array_equal(found.models[1].params, models[2].params)
+    np.testing.assert_array_equal(found.models[2].params, models[3].params)
+    # The larger of the first object's parts, its other one, then the second object's.
+    for part, label in ((1, 2), (2, 1), (3, 3)):
+        np.testing.assert_array_equal(found.part_models[part].params, models[label].params)
+        own = found.parts == part
+        assert (labels[own] == label).all()
+        assert own.sum() > 0.95 * (labels == label).sum()
+        assert (found.labels[own] == (2 if part == 3 else 1)).all()
+    flows = {(round(float(flow[0]), 3), round(float(flow[1]), 3)) for flow, _ in found.flows}
+    seconds = events.duration * 1e-6
+    assert flows == {
+        (round(v[0] * seconds, 3), round(v[1] * seconds, 3)) for v in (m.params for m in models[1:])
+    }
+    np.testing.assert_allclose(found.background_flow, 0.0)
+
+
+def test_numbers_are_kept_while_objects_pass_and_a_new_one_gets_a_new_number() -> None:
+    tracker = Tracker(320, 240)
+    down, up, new = (100.0, 60.0, 0.0, 400.0), (220.0, 200.0, 0.0, -400.0), (30.0, 30.0, 300.0, 0.0)
+
+    def after(thing: Thing, seconds: float) -> Thing:
+        x, y, vx, vy = thing
+        return x + vx * seconds, y + vy * seconds, vx, vy
+
+    for k in range(4):
+        now = [after(thing, 0.04 * k) for thing in (down, up)]
+        things = now[:: 1 if k % 2 else -1]  # motions come in any order
+        if k == 3:
+            things.append(new)
+        events, labels, models, t_ref = window(*things, t_ref=20_000 + 40_000 * k)
+        found = tracker.assign(events, labels, models, t_ref)
+        number_of = {tuple(model.params): model.label for model in found.models}
+        if k == 0:
+            first = number_of
+        assert number_of[0.0, 400.0] == first[0.0, 400.0]
+        assert number_of[0.0, -400.0] == first[0.0, -400.0]
+    assert number_of[300.0, 0.0] == 3
+
+
+@pytest.mark.parametrize(("missed_at", "number"), [(tracking.MEMORY_US, 1), (tracking.MEMORY_US + 1, 2)])
+def test_an_object_that_is_missed_for_too_long_is_a_new_one(missed_at: int, number: int) -> None:
+    tracker = Tracker(320, 240)
+    standing = (100.0, 60.0, 1.0, 0.0)
+    assert assign(tracker, standing, t_ref=0).models[1].label == 1
+    assert len(assign(tracker, t_ref=missed_at).models) == 1
+    assert assign(tracker, standing, t_ref=missed_at + 1).models[1].label == number
+
+
+@pytest.mark.parametrize(
+    ("logits", "moving"),
+    [
+        ([3.0, -1.0], [True, True]),  # 0.7 · 3 - 1
+        ([3.0, -3.0], [True, False]),
+        ([-3.0, 1.0], [False, False]),  # 1 - 0.7 · 3
+        ([-3.0, 3.0], [False, True]),
+        ([100.0, -5.0], [True, False]),  # no window is believed beyond 6: 0.7 · 6 - 5
+    ],
+)
+def test_evidence_of_earlier_windows_counts(
+    monkeypatch: pytest.MonkeyPatch, logits: list[float], moving: list[bool]
+) -> None:
+    answers = iter(logits)
+
+    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
+        return np.array([-9.0, next(answers)]), parts[0], scene.STILL
+
+    monkeypatch.setattr(tracking, "moving_logits", answer)
+    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    # Too slow to say where it went, between the windows.
+    found = [
+        assign(tracker, (100 + 2.0 * k, 60.0, 50.0, 0.0), t_ref=20_000 + 40_000 * k)
+        for k in range(len(logits))
+    ]
+    assert [len(objects.models) > 1 for objects in found] == moving
+
+
+@pytest.mark.parametrize(("stays", "moves"), [(True, False), (False, True)])
+def test_what_stays_where_it_was_does_not_move_for_long(
+    monkeypatch: pytest.MonkeyPatch, stays: bool, moves: bool
+) -> None:
+    """A part that is said to move 20 px between two windows, and does or does not."""
+
+    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
+        return np.array([-9.0, 0.1]), parts[0], scene.STILL
+
+    monkeypatch.setattr(tracking, "moving_logits", answer)
+    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    for k in range(3):
+        at = 100.0 if stays else 100.0 + 20.0 * k
+        found = assign(tracker, (at, 60.0, 500.0, 0.0), t_ref=20_000 + 40_000 * k)
+    assert (len(found.models) > 1) == moves
+
+
+def test_a_window_without_events_has_no_objects() -> None:
+    nothing = EventArray([], [], [], [], width=320, height=240)
+    found = Tracker(320, 240).assign(nothing, np.empty(0, np.int32), [MotionModel("translation", label=0)], 0)
+    assert len(found.labels) == len(found.parts) == 0
+    assert [model.label for model in found.models] == [0]
+    assert found.flows == []
