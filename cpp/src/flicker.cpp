@@ -6,7 +6,7 @@
 namespace emseg {
 namespace {
 
-constexpr std::int64_t bin_us = 300;
+constexpr std::size_t bin_us = 300;
 constexpr std::size_t around = 40;      // bins either way that a bin is held against
 constexpr std::size_t least_bins = 12;  // of a window
 constexpr double usual_rank = 0.3;      // of the bins around: a lamp may burn half of the time
@@ -22,10 +22,16 @@ std::vector<std::uint8_t> find_flicker(const EventView& events, ImageSize size) 
   std::vector<std::uint8_t> flicker(n, 0);
   if (n == 0) return flicker;
   const std::int64_t first = events.t.front();
-  const auto bins = static_cast<std::size_t>((events.t.back() - first) / bin_us) + 1;
+  // Times may lie further apart than int64 holds.
+  const auto bin_of = [&](std::size_t k) {
+    return static_cast<std::size_t>(static_cast<std::uint64_t>(events.t[k]) -
+                                    static_cast<std::uint64_t>(first)) /
+           bin_us;
+  };
+  const std::size_t bins = bin_of(n - 1) + 1;
   if (bins < least_bins || bins > 8 * n) return flicker;
   std::vector<std::size_t> begin(bins + 1, n);  // first event of each bin
-  for (std::size_t k = n; k-- > 0;) begin[static_cast<std::size_t>((events.t[k] - first) / bin_us)] = k;
+  for (std::size_t k = n; k-- > 0;) begin[bin_of(k)] = k;
   for (std::size_t b = bins; b-- > 0;) begin[b] = std::min(begin[b], begin[b + 1]);
 
   const int columns = (size.width + tile - 1) / tile;
