@@ -64,9 +64,9 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
 
 void bind_segmenter(py::module_& m) {
   // How far Segmenter.window_end looks ahead at the most.
-  const AdaptiveWindowOptions window;
-  m.attr("longest_window_us") = window.max_duration_us;
-  m.attr("largest_window") = window.max_events;
+  const AdaptiveWindowOptions lengths;
+  m.attr("longest_window_us") = lengths.max_duration_us;
+  m.attr("largest_window") = lengths.max_events;
 
   const SegmenterOptions defaults;
   std::vector<std::string> default_kinds;
@@ -163,7 +163,8 @@ void bind_segmenter(py::module_& m) {
           "motion_losses",
           [](const Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
              const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::int64_t t_ref, double window,
-             const NamedModel& own, const NamedModel& other, const std::vector<std::pair<float, float>>& offsets) {
+             const NamedModel& own, const NamedModel& other,
+             const std::vector<std::pair<float, float>>& offsets) {
             const auto motion = motions({own, other});
             std::vector<Vec2f> px;
             for (const auto& [dx, dy] : offsets) px.push_back({dx, dy});
@@ -171,7 +172,8 @@ void bind_segmenter(py::module_& m) {
           },
           py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref"), py::arg("window"),
           py::arg("own"), py::arg("other"), py::arg("offsets"),
-          "Nats an event that the other motion, moved by each offset (px over the window), loses against the own.")
+          "Nats an event that the other motion, moved by each offset (px over the window), loses against the "
+          "own.")
       .def(
           "window_end",
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,

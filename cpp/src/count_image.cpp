@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cstdint>
 
 #include "kernels/kernel_table.hpp"
 
@@ -9,7 +10,7 @@ namespace emseg {
 namespace {
 
 constexpr int radius = 2;  // of the binomial
-constexpr int most = 127;  // votes of a cell that count: 127 (1+4+6+4+1)^2 fits 16 bits with a sign
+static_assert(most_votes * 16 * 16 <= INT16_MAX, "sums of votes under (1 4 6 4 1) each way fit 16 bits");
 static_assert(counts_per_event == 16, "what smooth_counts_across divides by");
 
 }  // namespace
@@ -35,8 +36,8 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
   const auto sign_of = [&](std::size_t k) { return points.sign.empty() || points.sign[k] > 0 ? 1 : -1; };
   for (std::size_t k = 0; k < n; ++k) {
     std::uint16_t& votes = workspace.votes[static_cast<std::size_t>(workspace.cell[k])];
-    votes =
-        static_cast<std::uint16_t>(std::clamp(static_cast<std::int16_t>(votes) + sign_of(k), -most, most));
+    const int sum = static_cast<std::int16_t>(votes) + sign_of(k);
+    votes = static_cast<std::uint16_t>(std::clamp(sum, -most_votes, most_votes));
   }
 
   workspace.smooth.resize(workspace.votes.size());

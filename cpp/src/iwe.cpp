@@ -57,7 +57,7 @@ float sample_iwe(const PointView& points, const MotionModel& model, const WarpFr
   take_blurred(
       grid, area, taps, workspace.blur, [&](int y) { return cells + grid.cell_of(area.x0, y); },
       [&](int, const float* row) {
-        peak = std::max(peak, kernels().maximum(row, static_cast<std::size_t>(area.width)));
+        peak = std::max(peak, kernels().largest_magnitude(row, static_cast<std::size_t>(area.width)));
       });
   sample_values(cells, grid.stride(), workspace.places, values);
   for (std::size_t k = 0; k < points.sign.size(); ++k) values[k] = std::max(0.0f, points.sign[k] * values[k]);

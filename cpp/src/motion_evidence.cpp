@@ -7,9 +7,9 @@
 
 namespace emseg {
 
-std::vector<double> sharpness_losses(const PointView& points, const MotionModel& own, const MotionModel& other,
-                                     std::span<const Vec2f> offsets, double window, const WarpFrame& frame,
-                                     Region canvas) {
+std::vector<double> sharpness_losses(const PointView& points, const MotionModel& own,
+                                     const MotionModel& other, std::span<const Vec2f> offsets, double window,
+                                     const WarpFrame& frame, Region canvas) {
   const std::size_t n = points.size();
   if (n == 0) return {};
   CountWorkspace workspace;

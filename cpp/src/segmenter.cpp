@@ -54,19 +54,19 @@ void require_finite(const std::vector<MotionModel>& models) {
   for (const MotionModel& model : models) make_motion(kind_of(model), params_of(model));
 }
 
-// No more than `most` of the events that are not flicker, evenly in time; all where they are but flicker.
-std::vector<std::size_t> steady_sample(const EventView& events, ImageSize size, std::size_t most,
-                                       bool leave_out) {
-  if (!leave_out) return even_sample(events.size(), most);
-  const std::vector<std::uint8_t> flicker = find_flicker(events, size);
+// The events that motions and labels are found on: no more than max_events, evenly in time.  Flicker is left
+// out where the options say so, but for windows of nothing else: something has to be segmented.
+std::vector<std::size_t> sample_of(const EventView& events, ImageSize size, const SegmenterOptions& options) {
+  if (options.flicker == Flicker::kept) return even_sample(events.size(), options.max_events);
+  const std::vector<std::uint8_t> flickers = find_flicker(events, size);
   std::vector<std::size_t> steady;
   steady.reserve(events.size());
   for (std::size_t k = 0; k < events.size(); ++k) {
-    if (flicker[k] == 0) steady.push_back(k);
+    if (!flickers[k]) steady.push_back(k);
   }
-  if (steady.size() == events.size() || steady.empty()) return even_sample(events.size(), most);
-  std::vector<std::size_t> sample;
-  for (const std::size_t at : even_sample(steady.size(), most)) sample.push_back(steady[at]);
+  if (steady.empty()) return even_sample(events.size(), options.max_events);
+  std::vector<std::size_t> sample = even_sample(steady.size(), options.max_events);
+  for (std::size_t& k : sample) k = steady[k];
   return sample;
 }
 
@@ -196,8 +196,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   // Events as points about t_ref, the sample of them that motions and labels are found on, and its space-time
   // graph.
   const Points all_points = points_of(events, result.t_ref);
-  const std::vector<std::size_t> sampled =
-      steady_sample(events, size_, options_.max_events, options_.flicker == Flicker::left_out);
+  const std::vector<std::size_t> sampled = sample_of(events, size_, options_);
   const EventSample sample(events, all_points, sampled);
   const PointView points = sample.points();
   const PixelGraph graph = build_pixel_graph(sample.events(), size_);
@@ -312,6 +311,9 @@ std::vector<double> Segmenter::motion_losses(const EventView& events, std::int64
                                              std::span<const Vec2f> offsets) const {
   constexpr std::size_t enough = 1000;
   check_events(events, size_);
+  require_finite({own, other});
+  require(window > 0 && std::isfinite(window),
+          "window is " + std::to_string(window) + " s, expected above 0");
   const std::vector<std::size_t> sampled = even_sample(events.size(), enough);
   const Points all = points_of(events, t_ref);
   Points some;

@@ -18,6 +18,13 @@ inline double uniform(std::mt19937& random, double low, double high) {
   return low + (high - low) * (static_cast<double>(random()) / 4294967296.0);
 }
 
+// 1 or -1 for each of `count` points.
+inline std::vector<float> random_signs(std::mt19937& random, std::size_t count) {
+  std::vector<float> signs(count);
+  for (float& sign : signs) sign = random() % 2 ? 1.0f : -1.0f;
+  return signs;
+}
+
 // Points with polarities and the motion that made each of them, sorted by time.
 struct Scene {
   Points points;

@@ -38,10 +38,11 @@ class DirectContrast {
       const double u = at.x - region.x0, v = at.y - region.y0;
       const int i = static_cast<int>(std::floor(u)), j = static_cast<int>(std::floor(v));
       const double right = u - i, low = v - j;
-      add(i, j, (1 - right) * (1 - low));
-      add(i + 1, j, right * (1 - low));
-      add(i, j + 1, (1 - right) * low);
-      add(i + 1, j + 1, right * low);
+      const double vote = points_.sign.empty() ? 1 : points_.sign[k];
+      add(i, j, vote * (1 - right) * (1 - low));
+      add(i + 1, j, vote * right * (1 - low));
+      add(i, j + 1, vote * (1 - right) * low);
+      add(i + 1, j + 1, vote * right * low);
     }
     return measured(blurred(blurred(image, 1, 0), 0, 1));
   }
@@ -126,37 +127,42 @@ Points smooth_points(std::mt19937& random, const MotionModel& model, const WarpF
 
 }  // namespace
 
-TEST_CASE("contrast is that of a direct evaluation, and its gradient that of central differences") {
+TEST_CASE(
+    "contrast is that of a direct evaluation, its gradient that of central differences, signed or not") {
   std::mt19937 random(1);
   const WarpFrame frame = make_warp_frame({32, 28});
   ContrastWorkspace workspace;
   for (const MotionModel& model : motions()) {
     const MotionKind kind = kind_of(model);
     CAPTURE(name_of(kind));
-    const Points points = smooth_points(random, model, frame, 700);
-    const std::vector<double> params(params_of(model).begin(), params_of(model).end());
-    std::vector<double> steps;  // that move no point by more than 1e-3 px
-    for (std::size_t d = 0; d < params.size(); ++d)
-      steps.push_back(kind != MotionKind::rotation && d < 2 ? 1e-2 : 2e-4);
-    for (const ContrastMeasure measure : measures) {
-      for (const double sigma : {0.0, 1.0}) {
-        CAPTURE(static_cast<int>(measure));
-        CAPTURE(sigma);
-        const ContrastOptions options{measure, sigma};
-        const DirectContrast direct(points, kind, frame, options);
-        const ContrastResult result =
-            contrast_and_gradient(points.view(), model, frame, region, options, workspace);
-        CHECK(result.value == doctest::Approx(direct(params)).epsilon(1e-5));
-        CHECK(contrast(points.view(), model, frame, region, options, workspace) == result.value);
-        const auto slopes = central_differences(direct, params, steps);
-        for (std::size_t d = 0; d < params.size(); ++d) {
-          CAPTURE(d);
-          // Sums of 700 floats of either sign: digits are those of the terms, not of what is left of them.
-          double terms = 0;
-          for (std::size_t e = 0; e < params.size(); ++e) terms += std::abs(slopes[e] * steps[e]);
-          CHECK(std::abs(result.gradient[d] - slopes[d]) * steps[d] < 1e-4 * terms);
+    for (const bool is_signed : {false, true}) {
+      CAPTURE(is_signed);
+      Points points = smooth_points(random, model, frame, 700);
+      if (is_signed) points.sign = random_signs(random, points.size());
+      const std::vector<double> params(params_of(model).begin(), params_of(model).end());
+      std::vector<double> steps;  // that move no point by more than 1e-3 px
+      for (std::size_t d = 0; d < params.size(); ++d)
+        steps.push_back(kind != MotionKind::rotation && d < 2 ? 1e-2 : 2e-4);
+      for (const ContrastMeasure measure : measures) {
+        for (const double sigma : {0.0, 1.0}) {
+          CAPTURE(static_cast<int>(measure));
+          CAPTURE(sigma);
+          const ContrastOptions options{measure, sigma};
+          const DirectContrast direct(points, kind, frame, options);
+          const ContrastResult result =
+              contrast_and_gradient(points.view(), model, frame, region, options, workspace);
+          CHECK(result.value == doctest::Approx(direct(params)).epsilon(1e-5));
+          CHECK(contrast(points.view(), model, frame, region, options, workspace) == result.value);
+          const auto slopes = central_differences(direct, params, steps);
+          for (std::size_t d = 0; d < params.size(); ++d) {
+            CAPTURE(d);
+            // Sums of 700 floats of either sign: digits are those of the terms, not of what is left of them.
+            double terms = 0;
+            for (std::size_t e = 0; e < params.size(); ++e) terms += std::abs(slopes[e] * steps[e]);
+            CHECK(std::abs(result.gradient[d] - slopes[d]) * steps[d] < 1e-4 * terms);
+          }
+          for (std::size_t d = params.size(); d < 8; ++d) CHECK(result.gradient[d] == 0);
         }
-        for (std::size_t d = params.size(); d < 8; ++d) CHECK(result.gradient[d] == 0);
       }
     }
   }

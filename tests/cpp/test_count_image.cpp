@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -30,6 +31,7 @@ std::vector<int> defined_counts(const Points& points, const MotionModel& model, 
   constexpr std::array weight{1, 4, 6, 4, 1};
   std::map<std::pair<long, long>, int> votes;
   std::vector<std::pair<long, long>> pixel_of;
+  const auto sign = [&](std::size_t k) { return points.sign.empty() ? 1 : static_cast<int>(points.sign[k]); };
   const auto on_canvas = [&](const std::pair<long, long>& pixel) {
     return pixel.first >= canvas.x0 && pixel.first < canvas.x0 + canvas.width && pixel.second >= canvas.y0 &&
            pixel.second < canvas.y0 + canvas.height;
@@ -41,21 +43,26 @@ std::vector<int> defined_counts(const Points& points, const MotionModel& model, 
       return std::abs(value) < 1e9 ? static_cast<long>(std::floor(value + 0.5)) : 1'000'000'000L;
     };
     pixel_of.emplace_back(nearest(place.x), nearest(place.y));
-    if (on_canvas(pixel_of.back())) ++votes[pixel_of.back()];
+    // A cell that is full takes no more of the same sign.
+    if (on_canvas(pixel_of.back())) {
+      int& sum = votes[pixel_of.back()];
+      sum = std::clamp(sum + sign(k), -127, 127);
+    }
   }
   std::vector<int> counts;
-  for (const auto& [x, y] : pixel_of) {
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const auto [x, y] = pixel_of[k];
     int sum = 0;
     for (int j = -2; j <= 2; ++j) {
       for (int i = -2; i <= 2; ++i) {
         const auto found = votes.find({x + i, y + j});
         if (found != votes.end()) {
           sum += weight[static_cast<std::size_t>(j + 2)] * weight[static_cast<std::size_t>(i + 2)] *
-                 std::min(found->second, 255);
+                 found->second;
         }
       }
     }
-    counts.push_back(on_canvas({x, y}) ? sum / (256 / counts_per_event) : 0);
+    counts.push_back(on_canvas({x, y}) ? std::max(0, sign(k) * sum) / (256 / counts_per_event) : 0);
   }
   return counts;
 }
@@ -100,8 +107,12 @@ TEST_CASE("counts are votes of the nearest pixels under a binomial, on the canva
   for (const Region within :
        {canvas, Region{-30, -25, 90, 70}, {-20, -15, 3, 3}, {47, 33, 6, 5}, {500, 500, 9, 9}}) {
     for (const std::size_t count : {1u, 2u, 30u, 400u, 3000u}) {
-      for (const MotionModel& model : {still, MotionModel(Translation{{16, -8}})})
-        check_counts(random_points(random, count, within), model, canvas);
+      for (const MotionModel& model : {still, MotionModel(Translation{{16, -8}})}) {
+        Points points = random_points(random, count, within);
+        check_counts(points, model, canvas);
+        points.sign = random_signs(random, count);
+        check_counts(points, model, canvas);
+      }
     }
   }
 }
@@ -132,8 +143,8 @@ TEST_CASE("an event alone counts 36/256 of an event, coinciding ones as many tim
   }
 }
 
-TEST_CASE("hot pixels count as 255 events and leave their neighbours' counts in range") {
-  for (const int events : {254, 255, 256, 65'535, 65'536, 70'000}) {
+TEST_CASE("hot pixels count as 127 events and leave their neighbours' counts in range") {
+  for (const int events : {126, 127, 128, 255, 65'535, 65'536, 70'000}) {
     Points points;
     for (int k = 0; k < events; ++k) add(points, 20, 20);
     add(points, 21, 20);
@@ -149,6 +160,32 @@ TEST_CASE("hot pixels count as 255 events and leave their neighbours' counts in 
   const auto counts = counted(points, still, {0, 0, 64, 48});
   CHECK(*std::max_element(counts.begin(), counts.end()) == count_levels - 1);
   check_counts(points, still, {0, 0, 64, 48});
+  // As do falls.
+  points.sign.assign(points.size(), -1.0f);
+  CHECK(counted(points, still, {0, 0, 64, 48}) == counts);
+}
+
+TEST_CASE("rises and falls take each other away, and neither counts for more") {
+  std::mt19937 random(5);
+  const Region canvas{0, 0, 64, 48};
+  Points points = random_points(random, 2000, {10, 10, 20, 15});
+  const auto unsigned_counts = counted(points, still, canvas);
+  points.sign.assign(points.size(), 1.0f);
+  CHECK(counted(points, still, canvas) == unsigned_counts);
+  points.sign.assign(points.size(), -1.0f);
+  CHECK(counted(points, still, canvas) == unsigned_counts);
+  points.sign = random_signs(random, points.size());
+  const auto counts = counted(points, still, canvas);
+  for (float& sign : points.sign) sign = -sign;
+  CHECK(counted(points, still, canvas) == counts);
+  for (std::size_t k = 0; k < counts.size(); ++k) REQUIRE(counts[k] <= unsigned_counts[k]);
+  CHECK(std::count(counts.begin(), counts.end(), 0) > 100);
+
+  Points pair;
+  add(pair, 20, 20);
+  add(pair, 20, 20);
+  pair.sign = {1, -1};
+  CHECK(counted(pair, still, canvas) == std::vector<std::uint16_t>{0, 0});
 }
 
 TEST_CASE("undefined and infinite places count nothing and disturb nobody") {

@@ -129,30 +129,37 @@ TEST_CASE("slopes of a sample are those of the interpolation") {
   }
 }
 
-TEST_CASE("the image of warped events is the blurred sum of votes at the warped places") {
+TEST_CASE("the image of warped events is the blurred sum of signed votes at the warped places") {
   const WarpFrame frame = make_warp_frame({48, 36});
   const MotionModel model = Similarity{{120, -60, 0.4, 0.8}};
-  const Scene scene = moving_dots({{model, {4, 4, 40, 28}, 30, 8}}, frame, 0.05, 9);
-  Image image(Region{-6, -4, 60, 44});
-  const Region region = image.region;
-  image.row(0)[0] = 100;  // what was there before goes
-  IweWorkspace workspace;
-  make_iwe(image, scene.view(), model, frame, gaussian_taps(0), workspace);
-  for (int row = 0; row < region.height; ++row) {
-    for (int column = 0; column < region.width; ++column) {
-      double expected = 0;
-      for (std::size_t k = 0; k < scene.size(); ++k) {
-        const Place at =
-            reference_warp(model, frame, {scene.points.x[k], scene.points.y[k]}, scene.points.dt[k]);
-        expected += hat(at.x, at.y, region.x0 + column, region.y0 + row);
+  // More than a chunk of the warp.
+  Scene scene = moving_dots({{model, {4, 4, 40, 28}, 75, 8}}, frame, 0.05, 9);
+  std::mt19937 random(10);
+  for (const bool is_signed : {false, true}) {
+    CAPTURE(is_signed);
+    if (is_signed) scene.points.sign = random_signs(random, scene.size());
+    Image image(Region{-6, -4, 60, 44});
+    const Region region = image.region;
+    image.row(0)[0] = 100;  // what was there before goes
+    IweWorkspace workspace;
+    make_iwe(image, scene.view(), model, frame, gaussian_taps(0), workspace);
+    for (int row = 0; row < region.height; ++row) {
+      for (int column = 0; column < region.width; ++column) {
+        double expected = 0;
+        for (std::size_t k = 0; k < scene.size(); ++k) {
+          const Place at =
+              reference_warp(model, frame, {scene.points.x[k], scene.points.y[k]}, scene.points.dt[k]);
+          const double vote = is_signed ? scene.points.sign[k] : 1;
+          expected += vote * hat(at.x, at.y, region.x0 + column, region.y0 + row);
+        }
+        REQUIRE(std::abs(image.row(row)[column] - expected) < 2e-4);
       }
-      REQUIRE(std::abs(image.row(row)[column] - expected) < 2e-4);
     }
+    Image blurred = image, made(region);
+    gaussian_blur(blurred, gaussian_taps(1.2), workspace.blur);
+    make_iwe(made, scene.view(), model, frame, gaussian_taps(1.2), workspace);
+    CHECK(made.pixels == blurred.pixels);
   }
-  Image blurred = image, made(region);
-  gaussian_blur(blurred, gaussian_taps(1.2), workspace.blur);
-  make_iwe(made, scene.view(), model, frame, gaussian_taps(1.2), workspace);
-  CHECK(made.pixels == blurred.pixels);
 }
 
 TEST_CASE("a bounding region is the smallest that holds all votes") {

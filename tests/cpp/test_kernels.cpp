@@ -1,6 +1,8 @@
 // Every level of instructions gives the same bits; what the kernels compute is tested where they are used.
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -121,17 +123,20 @@ TEST_CASE("votes and samples have the same bits on every level") {
       return right;
     });
     const Located at = located(kernels_at(SimdLevel::baseline));
-    require_same([&](const KernelTable& table) {
-      Floats pairs(2 * stride * (height + 4));
-      table.scatter(pairs.data() + 2 * stride, at.cell.data(), at.right.data(), at.low.data(), n);
-      Floats rows(static_cast<std::size_t>(width) * height);
-      for (std::size_t row = 0; row < height; ++row) {
-        float* const above = pairs.data() + 2 * stride * (row + 1);
-        table.fold(above + 2 * stride, above, width, rows.data() + row * width);
-      }
-      pairs.insert(pairs.end(), rows.begin(), rows.end());
-      return pairs;
-    });
+    const Floats signs = random_signs(random, n);
+    for (const float* const sign : {static_cast<const float*>(nullptr), signs.data()}) {
+      require_same([&](const KernelTable& table) {
+        Floats pairs(2 * stride * (height + 4));
+        table.scatter(pairs.data() + 2 * stride, at.cell.data(), at.right.data(), at.low.data(), sign, n);
+        Floats rows(static_cast<std::size_t>(width) * height);
+        for (std::size_t row = 0; row < height; ++row) {
+          float* const above = pairs.data() + 2 * stride * (row + 1);
+          table.fold(above + 2 * stride, above, width, rows.data() + row * width);
+        }
+        pairs.insert(pairs.end(), rows.begin(), rows.end());
+        return pairs;
+      });
+    }
     require_same([&](const KernelTable& table) {
       Floats values(3 * n);
       table.sample_values(image.data(), stride, at.cell.data(), at.right.data(), at.low.data(), n,
@@ -140,6 +145,85 @@ TEST_CASE("votes and samples have the same bits on every level") {
                           values.data() + n, values.data() + 2 * n);
       return values;
     });
+  }
+}
+
+TEST_CASE("a signed vote adds its sign's worth of each share, on every level") {
+  std::mt19937 random(6);
+  constexpr std::size_t stride = 16, cells = 10 * stride;
+  for (const SimdLevel level : simd_levels()) {
+    CAPTURE(name_of(level));
+    for (const std::size_t n : sizes) {
+      std::vector<std::int32_t> cell(n);
+      for (std::int32_t& at : cell) at = static_cast<std::int32_t>(random() % (cells - 1));
+      const Floats right = random_floats(random, n, 0, 1), low = random_floats(random, n, 0, 1);
+      const Floats signs = random_signs(random, n);
+      for (const float* const sign : {static_cast<const float*>(nullptr), signs.data()}) {
+        Floats pairs(2 * cells);
+        kernels_at(level).scatter(pairs.data(), cell.data(), right.data(), low.data(), sign, n);
+        std::vector<double> expected(2 * cells);
+        for (std::size_t k = 0; k < n; ++k) {
+          const double vote = sign ? sign[k] : 1, r = right[k], l = low[k];
+          double* const at = expected.data() + 2 * cell[k];
+          at[0] += vote * (1 - r) * (1 - l);
+          at[1] += vote * (1 - r) * l;
+          at[2] += vote * r * (1 - l);
+          at[3] += vote * r * l;
+        }
+        for (std::size_t i = 0; i < pairs.size(); ++i) REQUIRE(std::abs(pairs[i] - expected[i]) < 5e-6);
+      }
+    }
+  }
+}
+
+TEST_CASE("whole votes have the same bits on every level, and are smoothed alike for either sign") {
+  std::mt19937 random(7);
+  constexpr std::array weight{1, 4, 6, 4, 1};
+  for (const std::size_t n : sizes) {
+    CAPTURE(n);
+    const std::size_t stride = n + 4;
+    std::vector<int> votes(5 * stride);
+    for (int& vote : votes) vote = random() % 3 ? static_cast<int>(random() % 255) - 127 : 127;
+    const auto smoothed = [&](const KernelTable& table, int sign) {
+      std::vector<std::uint16_t> counts, column(stride), smooth(n);
+      for (const int vote : votes) counts.push_back(static_cast<std::uint16_t>(sign * vote));
+      table.smooth_counts_down(counts.data() + 2 * stride, static_cast<std::ptrdiff_t>(stride), stride,
+                               column.data());
+      table.smooth_counts_across(column.data() + 2, n, smooth.data());
+      return smooth;
+    };
+    for (const int sign : {1, -1}) {
+      require_same([&](const KernelTable& table) { return smoothed(table, sign); });
+      const auto found = smoothed(kernels(), sign);
+      for (std::size_t x = 0; x < n; ++x) {
+        int sum = 0;
+        for (std::size_t j = 0; j < 5; ++j) {
+          for (std::size_t i = 0; i < 5; ++i) sum += weight[i] * weight[j] * votes[j * stride + x + i];
+        }
+        REQUIRE(static_cast<std::int16_t>(found[x]) == sign * (sum / 16));
+      }
+    }
+    const Floats x = random_floats(random, n, -6, 40), y = random_floats(random, n, -3, 30);
+    require_same([&](const KernelTable& table) {
+      std::vector<std::int32_t> cell(n);
+      table.nearest_cells({-2, 1, 33, 25, 37}, x.data(), y.data(), n, 2, cell.data());
+      return cell;
+    });
+  }
+}
+
+TEST_CASE("the largest magnitude is that of either sign") {
+  std::mt19937 random(8);
+  for (const SimdLevel level : simd_levels()) {
+    CHECK(kernels_at(level).largest_magnitude(nullptr, 0) == 0);
+    for (const std::size_t n : sizes) {
+      Floats values = random_floats(random, n, -2, 1);
+      float largest = 0;
+      for (const float value : values) largest = std::max(largest, std::abs(value));
+      CHECK(kernels_at(level).largest_magnitude(values.data(), n) == largest);
+      for (float& value : values) value = -value;
+      CHECK(kernels_at(level).largest_magnitude(values.data(), n) == largest);
+    }
   }
 }
 
@@ -166,7 +250,7 @@ TEST_CASE("filters and sums have the same bits on every level") {
         table.subtract_scaled(changed.data(), image.data(), 0.37f, n);
         std::vector<double> sums{1, 2};
         table.add_sums(changed.data(), n, &sums[0], &sums[1]);
-        sums.push_back(table.maximum(changed.data(), n));
+        sums.push_back(table.largest_magnitude(changed.data(), n));
         for (const float value : changed) sums.push_back(value);
         return sums;
       });

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
 #include "emseg/segmenter.hpp"
 #include "synthetic_events.hpp"
@@ -47,6 +48,15 @@ SegmenterOptions quiet_options(int threads = 2) {
   return options;
 }
 
+// The images of the published method: all events alike, each in the middle of its pixel.
+SegmenterOptions published_images(SegmenterOptions options) {
+  options.polarity = Polarity::ignored;
+  options.footprint = Footprint::point;
+  options.flicker = Flicker::kept;
+  options.sigma = 1;
+  return options;
+}
+
 Segmentation segmented(const EventColumns& events, const SegmenterOptions& options,
                        const WindowPrior& prior = {}, ImageSize size = sensor) {
   Segmenter segmenter(size, std::nullopt, options);
@@ -63,7 +73,11 @@ double accuracy(const Segmentation& result, const EventColumns& events) {
 std::int64_t written_out_energy(const Segmentation& result, const EventColumns& events,
                                 const SegmenterOptions& options) {
   const WarpFrame frame = make_warp_frame(sensor);
-  const Points points = make_points(events.view(), result.t_ref);
+  Points points = make_points(events.view(), result.t_ref);
+  if (options.footprint == Footprint::scattered) scatter_over_pixels(events.view(), points);
+  if (options.polarity == Polarity::opposed) {
+    for (const std::uint8_t p : events.p) points.sign.push_back(p ? 1.0f : -1.0f);
+  }
   const auto taps = gaussian_taps(options.sigma);
   IweWorkspace workspace;
   std::int64_t energy = 0;
@@ -174,7 +188,8 @@ TEST_CASE("large windows are estimated on an even sample and extended to all eve
   const Points points = make_points(events.view(), t_middle);
   for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
     for (const bool noise : {false, true}) {
-      SegmenterOptions options = quiet_options();
+      // How many events no other of the sample is near depends on the images.
+      SegmenterOptions options = published_images(quiet_options());
       options.data_term = term;
       options.lambda_label = 1500;
       const Segmentation full = segmented(events, options);
@@ -283,10 +298,13 @@ TEST_CASE("one segmenter serves two callers in turn") {
 
 TEST_CASE("later times make no difference") {
   EventColumns events = two_motions();
-  const Segmentation early = segmented(events, quiet_options());
+  // Where on its pixel an event lies hangs on its time.
+  SegmenterOptions options = quiet_options();
+  options.footprint = Footprint::point;
+  const Segmentation early = segmented(events, options);
   constexpr std::int64_t shift = 1'700'000'000'000'000;  // today
   for (std::int64_t& t : events.t) t += shift;
-  Segmentation late = segmented(events, quiet_options());
+  Segmentation late = segmented(events, options);
   CHECK(late.t_ref == early.t_ref + shift);
   late.t_ref = early.t_ref;
   CHECK(same(late, early));
@@ -336,6 +354,98 @@ TEST_CASE("noise is marked where asked, and nothing else changes") {
   }
   CHECK(noise > 20);
   CHECK(true_noise > 0.7 * noise);
+}
+
+TEST_CASE("which sign an edge has makes no difference") {
+  EventColumns events = two_motions();
+  for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
+    SegmenterOptions options = quiet_options();
+    options.data_term = term;
+    const Segmentation as_seen = segmented(events, options);
+    for (std::uint8_t& p : events.p) p = !p;
+    CHECK(same(segmented(events, options), as_seen));
+  }
+  // Not even where all have the same.
+  std::fill(events.p.begin(), events.p.end(), std::uint8_t{1});
+  SegmenterOptions options = quiet_options();
+  options.data_term = DataTerm::published;
+  const Segmentation rises = segmented(events, options);
+  std::fill(events.p.begin(), events.p.end(), std::uint8_t{0});
+  const Segmentation falls = segmented(events, options);
+  CHECK(same(falls, rises));
+  CHECK(falls.reference_sharpness > 0);
+  options.polarity = Polarity::ignored;
+  CHECK(same(segmented(events, options), rises));
+}
+
+TEST_CASE("flicker is left out of the search and labelled by what is near it") {
+  const EventColumns& scene = two_motions();
+  std::mt19937 random(11);
+  EventColumns events;
+  std::size_t bursts = 0;
+  const auto burst = [&](std::int64_t t) { return t >= t_middle - 3000 && t < t_middle - 2400; };
+  const auto flash = [&](std::int64_t t) {
+    for (int k = 0; k < 2000; ++k, ++bursts)
+      events.add(static_cast<int>(random() % 160), static_cast<int>(random() % 120), t + k * 600 / 2000, 1,
+                 -1);
+  };
+  for (std::size_t k = 0; k < scene.size(); ++k) {
+    if (burst(scene.t[k])) continue;  // so that times do not decrease
+    if (scene.t[k] >= t_middle - 2400 && bursts == 0) flash(t_middle - 3000);
+    events.add(scene.x[k], scene.y[k], scene.t[k], scene.p[k], scene.source[k]);
+  }
+  SegmenterOptions options = quiet_options();
+  const Segmentation result = segmented(events, options);
+  check_sound(result, events.size());
+  CHECK(result.thinned >= bursts);
+  // The bins that the burst begins and ends in are its neighbours' as well.
+  CHECK(static_cast<double>(result.thinned) <
+        static_cast<double>(bursts) + 0.03 * static_cast<double>(scene.size()));
+  REQUIRE(result.models.size() == 2);
+  options.flicker = Flicker::kept;
+  CHECK(segmented(events, options).thinned == 0);
+  // Where there is but flicker, it is all that there is to segment.
+  EventColumns nothing_else;
+  for (int k = 0; k < 3000; ++k) nothing_else.add(k * 7 % 160, k * 11 % 120, 3 * k);
+  options.flicker = Flicker::left_out;
+  check_sound(segmented(nothing_else, options), nothing_else.size());
+}
+
+TEST_CASE("motions lose against the true ones, by the segmenter's own images") {
+  const EventColumns& events = two_motions();
+  EventColumns object;
+  for (std::size_t k = 0; k < events.size(); ++k) {
+    if (events.source[k] == 1) object.add(events.x[k], events.y[k], events.t[k], events.p[k], 1);
+  }
+  const std::vector<Vec2f> offsets{{0, 0}, {6, 0}};
+  const Segmenter segmenter(sensor, std::nullopt, quiet_options());
+  const auto own =
+      segmenter.motion_losses(object.view(), t_middle, 0.04, object_motion, object_motion, offsets);
+  REQUIRE(own.size() == 2);
+  CHECK(own[0] == 0);
+  CHECK(own[1] > 0.2);
+  const auto other =
+      segmenter.motion_losses(object.view(), t_middle, 0.04, object_motion, scene_motion, offsets);
+  CHECK(other[0] > 0.2);
+  CHECK(segmenter.motion_losses({}, 0, 0.04, object_motion, scene_motion, offsets).empty());
+  CHECK_THROWS_AS(segmenter.motion_losses(object.view(), 0, 0, object_motion, scene_motion, offsets),
+                  std::invalid_argument);
+  CHECK_THROWS_AS(segmenter.motion_losses(object.view(), 0, 1, Translation{{NAN, 0}}, scene_motion, offsets),
+                  std::invalid_argument);
+}
+
+TEST_CASE("choices have names") {
+  for (const Polarity choice : {Polarity::ignored, Polarity::opposed})
+    CHECK(polarity(name_of(choice)) == choice);
+  for (const Footprint choice : {Footprint::point, Footprint::scattered})
+    CHECK(footprint(name_of(choice)) == choice);
+  for (const Flicker choice : {Flicker::kept, Flicker::left_out}) CHECK(flicker(name_of(choice)) == choice);
+  CHECK_THROWS_WITH_AS(polarity("both"), "unknown polarity 'both', expected ignored or opposed",
+                       std::invalid_argument);
+  CHECK_THROWS_WITH_AS(footprint(""), "unknown footprint '', expected point or scattered",
+                       std::invalid_argument);
+  CHECK_THROWS_WITH_AS(flicker("left"), "unknown flicker 'left', expected kept or left_out",
+                       std::invalid_argument);
 }
 
 TEST_CASE("where only an object moves, the background is still and free") {

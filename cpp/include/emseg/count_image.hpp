@@ -12,8 +12,11 @@ namespace emseg {
 
 // Values of a count image per coinciding event, far from others.
 constexpr int counts_per_event = 16;
-// One more than the largest value: votes of a cell are counted up to 255.
-constexpr int count_levels = 255 * counts_per_event + 1;
+// Votes of a cell that count, either way: one more takes nothing further, one of the other sign takes one
+// back.
+constexpr int most_votes = 127;
+// One more than the largest value.
+constexpr int count_levels = most_votes * counts_per_event + 1;
 
 // Scratch of count_sharpness, kept from call to call.
 struct CountWorkspace {
@@ -26,7 +29,8 @@ struct CountWorkspace {
 
 // For every point the smoothed count at its warped place: votes of the nearest pixels under the weights
 // (1 4 6 4 1)/16 each way, which stand for a blur of sigma 1 px, in units of 1/counts_per_event of an event.
-// Points warped off `canvas` get 0.
+// Points warped off `canvas` get 0.  Points with signs vote theirs, in turn, and see the counts by it: where
+// the other sign prevails they get 0.
 void count_sharpness(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
                      CountWorkspace& workspace, std::span<std::uint16_t> sharpness);
 

@@ -9,8 +9,8 @@
 namespace emseg {
 
 // Per event of a window, 1 where it belongs to a burst: to a bin of time in which far more events fire than
-// in those around it, spread over what is seen of the scene.  Motion begins and ends in one place, light in
-// all.
+// in those around it, and more than usual all over what is seen of the scene.  Motion begins and ends in one
+// place, light in all.
 std::vector<std::uint8_t> find_flicker(const EventView& events, ImageSize size);
 
 }  // namespace emseg

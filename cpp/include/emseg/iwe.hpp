@@ -97,8 +97,9 @@ struct IweWorkspace {
 void make_iwe(Image& image, const PointView& points, const MotionModel& model, const WarpFrame& frame,
               std::span<const float> taps, IweWorkspace& workspace);
 
-// The value of the blurred IWE at each point's own place, without the image: its peak is returned.  Votes and
-// values outside `canvas` count as zero.
+// The value of the blurred IWE at each point's own place, without the image: the largest magnitude of its
+// pixels is returned.  Votes and values outside `canvas` count as zero.  Points with signs vote theirs and
+// see the image by it: where the other sign prevails their value is 0.
 float sample_iwe(const PointView& points, const MotionModel& model, const WarpFrame& frame, Region canvas,
                  std::span<const float> taps, IweWorkspace& workspace, std::span<float> values);
 

@@ -11,7 +11,8 @@ namespace emseg {
 
 // The label, for every point, that most of the sample's events near it have.  Near is after warping by the
 // label's motion: each label's own events make an image of warped events, blurred by `taps`, and a point
-// takes the label whose image is brightest at its warped place.  -1 where all are dark.  `sample` are indices
+// takes the label whose image is brightest at its warped place; with signs, brightest of the point's own.  -1
+// where all are dark.  `sample` are indices
 // of points and `labels` theirs, >= -1; sample points keep their labels.
 std::vector<std::int32_t> extend_labels(const PointView& points, std::span<const std::size_t> sample,
                                         std::span<const std::int32_t> labels,

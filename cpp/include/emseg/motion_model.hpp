@@ -230,7 +230,7 @@ struct Points {
   std::vector<float> x;
   std::vector<float> y;
   std::vector<float> dt;
-  std::vector<float> sign;
+  std::vector<float> sign = {};
 
   std::size_t size() const { return dt.size(); }
   PointView view() const { return {x, y, dt, sign}; }

@@ -102,9 +102,11 @@ class Segmenter {
   // not valid.
   std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
 
-  // See sharpness_losses; a thousand of the events at most, evenly in time.
-  std::vector<double> motion_losses(const EventView& events, std::int64_t t_ref, double window, const MotionModel& own,
-                                    const MotionModel& other, std::span<const Vec2f> offsets) const;
+  // See sharpness_losses; of a thousand events at the most, evenly in time.  Throws std::invalid_argument
+  // where events, motions or the window's duration (s) are not valid.
+  std::vector<double> motion_losses(const EventView& events, std::int64_t t_ref, double window,
+                                    const MotionModel& own, const MotionModel& other,
+                                    std::span<const Vec2f> offsets) const;
 
   const WarpFrame& frame() const { return frame_; }
   ImageSize size() const { return size_; }

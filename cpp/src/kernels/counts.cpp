@@ -35,7 +35,8 @@ void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint1
     const auto ends = static_cast<std::uint16_t>(before2[x] + after2[x]);
     const auto sides = static_cast<std::uint16_t>(before[x] + after[x]);
     const auto sum = static_cast<std::uint16_t>(ends + 4 * sides + 6 * centre[x]);
-    smooth[x] = static_cast<std::uint16_t>(static_cast<std::int16_t>(sum) >> 4);
+    // Towards zero, so that rises and falls are counted alike.
+    smooth[x] = static_cast<std::uint16_t>(static_cast<std::int16_t>(sum) / 16);
   }
 }
 

@@ -173,11 +173,12 @@ void subtract_scaled(float* row, const float* profile, float scale, std::size_t 
   for (std::size_t x = 0; x < n; ++x) row[x] -= scale * profile[x];
 }
 
-float maximum(const float* values, std::size_t n) {
+float largest_magnitude(const float* values, std::size_t n) {
   Floats highest = {};
   for_each_vector({values}, n, [&](const float* const* at, std::size_t i) {
     const Floats value = load(at[0] + i);
-    highest = value > highest ? value : highest;
+    const Floats magnitude = value < 0 ? -value : value;
+    highest = magnitude > highest ? magnitude : highest;
   });
   float result = 0;
   for (std::size_t i = 0; i < lanes; ++i) result = highest[i] > result ? highest[i] : result;

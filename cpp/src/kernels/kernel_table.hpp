@@ -84,7 +84,8 @@ struct KernelTable {
                         std::int32_t padding, std::int32_t* cell);
 
   // The passes of a binomial filter, weights 1 4 6 4 1, over counts of -127 to 127, negative ones as their
-  // complements: down five rows about `centre`, and along a row of such sums, divided by 16 and rounded down.
+  // complements: down five rows about `centre`, and along a row of such sums, divided by 16 and rounded to
+  // zero.
   void (*smooth_counts_down)(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
                              std::uint16_t* smooth);
   void (*smooth_counts_across)(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);
@@ -97,7 +98,8 @@ struct KernelTable {
   void (*add_sums)(const float* row, std::size_t n, double* sum, double* square);
   // row[i] -= scale * profile[i]
   void (*subtract_scaled)(float* row, const float* profile, float scale, std::size_t n);
-  float (*maximum)(const float* values, std::size_t n);  // 0 if none is above
+  // The largest of the elements' magnitudes, 0 of none.
+  float (*largest_magnitude)(const float* values, std::size_t n);
   void (*natural_log)(const float* values, std::size_t n, float* logs);
 };
 

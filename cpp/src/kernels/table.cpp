@@ -19,7 +19,7 @@ const KernelTable table{
     .add_patches = add_patches,
     .add_sums = add_sums,
     .subtract_scaled = subtract_scaled,
-    .maximum = maximum,
+    .largest_magnitude = largest_magnitude,
     .natural_log = natural_log,
 };
 
