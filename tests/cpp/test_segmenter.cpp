@@ -1,52 +1,18 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <stdexcept>
 #include <thread>
 
 #include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
-#include "emseg/segmenter.hpp"
-#include "synthetic_events.hpp"
+#include "segmenter_windows.hpp"
 
 using namespace emseg;
 using namespace emseg::testing;
 
 namespace {
-
-constexpr ImageSize sensor{160, 120};
-constexpr Region plane{0, 0, 160, 120};
-constexpr std::int64_t t_middle = 7'000'000;
-constexpr std::int64_t earliest = std::numeric_limits<std::int64_t>::min();
-constexpr std::int64_t latest = std::numeric_limits<std::int64_t>::max();
-const MotionModel scene_motion = Translation{{110, 45}};
-const MotionModel object_motion = Translation{{-180, 90}};
-
-// A moving camera's scene and an object before it; 0 and 1 in `source`.
-const EventColumns& two_motions() {
-  static const EventColumns events = [] {
-    const WarpFrame frame = make_warp_frame(sensor);
-    EventColumns recorded_events = recorded(moving_dots({{scene_motion, {-10, -10, 180, 45}, 150, 12},
-                                                         {scene_motion, {-10, 85, 180, 45}, 150, 12},
-                                                         {scene_motion, {-10, 30, 66, 60}, 80, 12},
-                                                         {scene_motion, {104, 30, 66, 60}, 80, 12},
-                                                         {object_motion, {60, 40, 40, 40}, 110, 12}},
-                                                        frame, 0.04, 1),
-                                            sensor, t_middle);
-    for (std::int32_t& source : recorded_events.source) source = source == 4;
-    return recorded_events;
-  }();
-  return events;
-}
-
-SegmenterOptions quiet_options(int threads = 2) {
-  SegmenterOptions options;
-  options.mark_noise = false;
-  options.threads = threads;
-  return options;
-}
 
 // The images of the published method: all events alike, each in the middle of its pixel.
 SegmenterOptions published_images(SegmenterOptions options) {
@@ -55,12 +21,6 @@ SegmenterOptions published_images(SegmenterOptions options) {
   options.flicker = Flicker::kept;
   options.sigma = 1;
   return options;
-}
-
-Segmentation segmented(const EventColumns& events, const SegmenterOptions& options,
-                       const WindowPrior& prior = {}, ImageSize size = sensor) {
-  Segmenter segmenter(size, std::nullopt, options);
-  return segmenter.segment(events.view(), prior);
 }
 
 double accuracy(const Segmentation& result, const EventColumns& events) {
@@ -106,25 +66,6 @@ std::int64_t written_out_energy(const Segmentation& result, const EventColumns& 
     }
   }
   return energy;
-}
-
-void check_sound(const Segmentation& result, std::size_t events) {
-  REQUIRE(result.labels.size() == events);
-  REQUIRE(!result.models.empty());
-  for (const std::int32_t label : result.labels) {
-    REQUIRE(label >= noise_label);
-    REQUIRE(label < static_cast<std::int32_t>(result.models.size()));
-  }
-  for (const MotionModel& model : result.models) {
-    for (const double param : params_of(model)) REQUIRE(std::isfinite(param));
-  }
-  CHECK(std::is_sorted(result.energy_trace.rbegin(), result.energy_trace.rend()));
-  if (events > 0) {
-    REQUIRE(!result.energy_trace.empty());
-    CHECK(result.energy_trace.back() == result.energy);
-    CHECK(result.energy >= 0);
-    CHECK(result.next_duration_us > 0);
-  }
 }
 
 bool same(const Segmentation& a, const Segmentation& b) {
@@ -457,164 +398,4 @@ TEST_CASE("where only an object moves, the background is still and free") {
   REQUIRE(result.models.size() == 2);
   for (const double param : params_of(result.models[0])) CHECK(param == 0);
   CHECK(std::count(result.labels.begin(), result.labels.end(), 1) > 0.9 * static_cast<double>(events.size()));
-}
-
-TEST_CASE("windows of next to nothing give sound results") {
-  SegmenterOptions options;
-  for (const bool noise : {false, true}) {
-    options.mark_noise = noise;
-    for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
-      options.data_term = term;
-      EventColumns events;
-      const auto sound = [&] { check_sound(segmented(events, options), events.size()); };
-      sound();  // empty
-      events.add(5, 5, 100);
-      sound();  // one
-      events.add(159, 119, 100);
-      sound();  // two, at one time
-      events.add(0, 0, 101);
-      sound();
-      events = {};
-      for (int k = 0; k < 500; ++k) events.add(77, 33, 10 * k, k % 2);
-      sound();  // one pixel
-      events = {};
-      for (int k = 0; k < 500; ++k) events.add(k % 160, k % 120, 4242, k % 2);
-      sound();  // one time
-      events = {};
-      for (int k = 0; k < 500; ++k) events.add(k % 160, 60, 20 * k);
-      sound();  // one row
-      events = {};
-      for (int k = 0; k < 120; ++k) events.add(k, k, 50 * k);
-      sound();  // a diagonal
-    }
-  }
-}
-
-TEST_CASE("a sensor of one pixel, one row, one column") {
-  for (const ImageSize size : {ImageSize{1, 1}, {200, 1}, {1, 200}}) {
-    EventColumns events;
-    for (int k = 0; k < 300; ++k) events.add(k % size.width, k % size.height, 10 * k, k % 2);
-    check_sound(segmented(events, {}, {}, size), events.size());
-  }
-}
-
-TEST_CASE("times as far apart as 64 bits allow, and t_ref anywhere") {
-  EventColumns events;
-  events.add(3, 3, earliest);
-  events.add(4, 3, -5);
-  events.add(5, 3, 0);
-  for (int k = 0; k < 50; ++k) events.add(6 + k, 3, latest);
-  check_sound(segmented(events, {}), events.size());
-  SegmenterOptions fast;
-  fast.bounds.speed = 1e7;
-  fast.kinds = {MotionKind::rotation, MotionKind::homography};
-  check_sound(segmented(events, fast), events.size());
-  for (const std::int64_t t_ref : {earliest, latest}) {
-    WindowPrior prior;
-    prior.t_ref = t_ref;
-    check_sound(segmented(events, {}, prior), events.size());
-    check_sound(segmented(two_motions(), {}, prior), two_motions().size());
-  }
-}
-
-TEST_CASE("a pool that throws all events off the canvas is survived") {
-  WindowPrior prior;
-  prior.pool = {Translation{{1e30, 1e300}}, Rotation{{1e6, 1e20, 3}},
-                Homography{{0, 0, 1e9, 0, 0, 1e9, 1e30, 1e30}}};
-  for (const bool refits : {false, true}) {
-    SegmenterOptions options;
-    if (!refits) options.num_iter_segmentation = 0;
-    check_sound(segmented(two_motions(), options, prior), two_motions().size());
-  }
-}
-
-TEST_CASE("what does not fit is refused by name") {
-  const auto refusal = [](auto&& call) -> std::string {
-    try {
-      call();
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "";
-  };
-  const auto refused = [&](auto&& change) {
-    SegmenterOptions options;
-    change(options);
-    return refusal([&] { Segmenter(sensor, std::nullopt, options); });
-  };
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  CHECK(refused([](auto&) {}) == "");
-  CHECK(refused([](auto& o) { o.lambda_data = -1; }).find("lambda_data is -1") == 0);
-  CHECK(refused([](auto& o) { o.lambda_smooth = nan; }).find("lambda_smooth is nan") == 0);
-  CHECK(refused([](auto& o) { o.lambda_label = 2e9; }).find("lambda_label is 2000000000") == 0);
-  CHECK(refused([](auto& o) { o.lambda_label_per_event = nan; }).find("lambda_label_per_event") == 0);
-  CHECK(refused([](auto& o) { o.bracket_row = 0; }).find("bracket_row is 0") == 0);
-  CHECK(refused([](auto& o) { o.bracket_col = 65; }).find("bracket_col is 65") == 0);
-  CHECK(refused([](auto& o) { o.bounds.speed = 0; }).find("largest speed is 0") == 0);
-  CHECK(refused([](auto& o) { o.bounds.scale_rate = nan; }).find("scale and angle rates") == 0);
-  CHECK(refused([](auto& o) { o.kinds.clear(); }).find("no kind of motion model") == 0);
-  CHECK(refused([](auto& o) { o.num_iter_segmentation = -1; }).find("num_iter_segmentation is -1") == 0);
-  CHECK(refused([](auto& o) { o.num_iter_labeling = 0; }).find("num_iter_labeling is 0") == 0);
-  CHECK(refused([](auto& o) { o.sigma = -2; }).find("blur sigma is -2") == 0);
-  CHECK(refused([](auto& o) { o.max_events = 0; }).find("max_events is 0") == 0);
-  CHECK(refused([](auto& o) { o.threads = -3; }).find("threads is -3") == 0);
-
-  const auto size_refused = [&](ImageSize size) {
-    return refusal([&] { Segmenter(size, std::nullopt, {}); });
-  };
-  CHECK(size_refused({0, 10}).find("sensor size is 0x10") == 0);
-  CHECK(size_refused({9000, 10}).find("sensor size is 9000x10") == 0);
-  Camera camera;
-  camera.size = {100, 100};
-  CHECK(refusal([&] { Segmenter(sensor, camera, {}); }).find("the camera is 100x100, the sensor 160x120") ==
-        0);
-
-  EventColumns outside;
-  outside.add(160, 0, 0);
-  CHECK(refusal([&] { segmented(outside, {}); }).find("event 0 lies at (160, 0)") == 0);
-  WindowPrior prior;
-  prior.pool = {scene_motion, Translation{{nan, 0}}};
-  CHECK(refusal([&] {
-          segmented(two_motions(), {}, prior);
-        }).find("parameter 0 of the translation is not finite") == 0);
-  prior.pool.clear();
-  prior.candidates = {Affine{{0, 0, 0, 0, 0, nan}}};
-  CHECK(refusal([&] {
-          segmented(two_motions(), {}, prior);
-        }).find("parameter 5 of the affine is not finite") == 0);
-}
-
-TEST_CASE("the end of a window: by duration, by what the motion asks for, at least one event") {
-  Segmenter segmenter(sensor, std::nullopt, {});
-  EventColumns events;
-  for (const std::int64_t t : {0, 10, 20, 20, 30}) events.add(1, 1, t);
-  const EventView view = events.view();
-  CHECK(segmenter.window_end(view, 0, 20) == 2);
-  CHECK(segmenter.window_end(view, 0, 21) == 4);
-  CHECK(segmenter.window_end(view, 1, 1) == 2);
-  CHECK(segmenter.window_end(view, 2, 10) == 4);
-  CHECK(segmenter.window_end(view, 0, latest) == 5);
-  CHECK(segmenter.window_end(view, 4, latest) == 5);
-  CHECK(segmenter.window_end(view, 0, 0) == 5);  // too few to judge: the longest
-  CHECK_THROWS_AS(segmenter.window_end(view, 5, 10), std::invalid_argument);
-  EventColumns ends;
-  ends.add(0, 0, earliest);
-  ends.add(0, 0, latest - 5);
-  ends.add(0, 0, latest);
-  ends.add(0, 0, latest);
-  CHECK(segmenter.window_end(ends.view(), 0, latest) == 1);
-  CHECK(segmenter.window_end(ends.view(), 1, 100) == 4);
-  CHECK(segmenter.window_end(ends.view(), 1, 5) == 2);
-  CHECK(segmenter.window_end(ends.view(), 2, 0) == 4);
-
-  const EventColumns& moving = two_motions();
-  const std::size_t end = segmenter.window_end(moving.view(), 0, 0);
-  CHECK(end > moving.size() / 2);
-
-  EventColumns outside = moving;
-  outside.x[10] = 60'000;
-  CHECK_THROWS_AS(segmenter.window_end(outside.view(), 0, 0), std::invalid_argument);
-  outside = moving;
-  outside.y.pop_back();
-  CHECK_THROWS_AS(segmenter.window_end(outside.view(), 0, 0), std::invalid_argument);
 }
