@@ -19,9 +19,13 @@ std::vector<double> sharpness_losses(const PointView& points, const MotionModel&
   const auto rank = sorted.begin() + static_cast<std::ptrdiff_t>(0.95 * static_cast<double>(n - 1));
   std::nth_element(sorted.begin(), rank, sorted.end());
   const double floor = 0.2 * std::max<double>(*rank, counts_per_event);
+  std::vector<double> log_of;  // of every whole number so far, with the floor: few differ
   const auto mean_log = [&] {
     double sum = 0;
-    for (const std::uint16_t value : sharpness) sum += std::log(value + floor);
+    for (const std::uint16_t value : sharpness) {
+      while (log_of.size() <= value) log_of.push_back(std::log(static_cast<double>(log_of.size()) + floor));
+      sum += log_of[value];
+    }
     return sum / static_cast<double>(n);
   };
   const double best = mean_log();

@@ -1,0 +1,47 @@
+#include "emseg/warp_events.hpp"
+
+#include <stdexcept>
+#include <string>
+
+namespace emseg {
+namespace {
+
+Vec2f place_of(const EventView& events, std::size_t k, const PixelPlaces& places) {
+  if (places.x.empty()) return {static_cast<float>(events.x[k]), static_cast<float>(events.y[k])};
+  const std::size_t pixel = std::size_t{events.y[k]} * static_cast<std::size_t>(places.width) + events.x[k];
+  if (pixel >= places.x.size() || pixel >= places.y.size()) {
+    throw std::invalid_argument("event " + std::to_string(k) + " lies on pixel " + std::to_string(pixel) +
+                                ", expected one of " + std::to_string(places.x.size()));
+  }
+  return {places.x[pixel], places.y[pixel]};
+}
+
+}  // namespace
+
+void check_positions(std::span<const std::int64_t> positions, std::size_t event_count) {
+  for (const std::int64_t position : positions) {
+    if (position < 0 || static_cast<std::uint64_t>(position) >= event_count) {
+      throw std::invalid_argument("position " + std::to_string(position) + ", expected one of " +
+                                  std::to_string(event_count) + " events");
+    }
+  }
+}
+
+std::vector<Vec2f> warp_events(const EventView& events, std::span<const std::int64_t> own, std::int64_t t_ref,
+                               const MotionModel& model, const WarpFrame& frame, const PixelPlaces& places) {
+  check_positions(own, events.size());
+  std::vector<Vec2f> warped(own.size());
+  std::visit(
+      [&](const auto& motion) {
+        const typename std::decay_t<decltype(motion)>::Warp warp(motion, frame);
+        for (std::size_t i = 0; i < own.size(); ++i) {
+          const auto k = static_cast<std::size_t>(own[i]);
+          const Vec2f from = place_of(events, k, places);
+          warped[i] = warp(from.x, from.y, static_cast<float>(seconds_between(t_ref, events.t[k])));
+        }
+      },
+      model);
+  return warped;
+}
+
+}  // namespace emseg
