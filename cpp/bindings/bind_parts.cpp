@@ -1,6 +1,5 @@
 #include <pybind11/stl.h>
 
-#include <cstring>
 #include <optional>
 
 #include "emseg/part_features.hpp"
@@ -30,13 +29,22 @@ MotionModel motion(const std::string& kind, const std::vector<double>& params) {
   return make_motion(motion_kind(kind), params);
 }
 
-// float32 (n, 2)
+static_assert(sizeof(Vec2f) == 2 * sizeof(float));
+
+// float32 (n, 2), which owns the places.
+py::array_t<float> places_to_numpy(std::vector<Vec2f>&& places) {
+  auto* owned = new std::vector<Vec2f>(std::move(places));
+  py::capsule owner(owned, [](void* pointer) { delete static_cast<std::vector<Vec2f>*>(pointer); });
+  return py::array_t<float>({static_cast<py::ssize_t>(owned->size()), py::ssize_t{2}},
+                            reinterpret_cast<const float*>(owned->data()), owner);
+}
+
+// Of float32 (n, 2).
 std::span<const Vec2f> places_of(const Array<float>& places) {
   if (places.ndim() != 2 || places.shape(1) != 2) {
     throw std::invalid_argument("places have " + std::to_string(places.ndim()) +
                                 " dimensions, expected two, the second of length 2");
   }
-  static_assert(sizeof(Vec2f) == 2 * sizeof(float));
   return {reinterpret_cast<const Vec2f*>(places.data()), static_cast<std::size_t>(places.shape(0))};
 }
 
@@ -95,11 +103,8 @@ void bind_parts(py::module_& m) {
           const auto& [table_x, table_y] = *undistorted;
           places = {view(table_x), view(table_y), grid_shape(table_x).second};
         }
-        const auto warped =
-            warp_events(event_view(x, y, t), view(own), t_ref, motion(kind, params), frame, places);
-        py::array_t<float> result({static_cast<py::ssize_t>(warped.size()), py::ssize_t{2}});
-        std::memcpy(result.mutable_data(), warped.data(), warped.size() * sizeof(Vec2f));
-        return result;
+        return places_to_numpy(
+            warp_events(event_view(x, y, t), view(own), t_ref, motion(kind, params), frame, places));
       },
       py::arg("x"), py::arg("y"), py::arg("t"), py::arg("own"), py::arg("t_ref"), py::arg("kind"),
       py::arg("params"), py::arg("frame"), py::arg("undistorted") = py::none(),

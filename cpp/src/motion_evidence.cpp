@@ -37,12 +37,13 @@ std::vector<double> sharpness_losses(const PointView& points, const MotionModel&
   moved.y.resize(n);
   moved.dt.assign(points.dt.begin(), points.dt.end());
   moved.sign.assign(points.sign.begin(), points.sign.end());
+  std::vector<float> part(n);  // of the window, from t_ref
+  for (std::size_t k = 0; k < n; ++k) part[k] = static_cast<float>(points.dt[k] / window);
   std::vector<double> losses;
   for (const Vec2f offset : offsets) {
     for (std::size_t k = 0; k < n; ++k) {
-      const auto part = static_cast<float>(points.dt[k] / window);
-      moved.x[k] = x[k] - part * offset.x;
-      moved.y[k] = y[k] - part * offset.y;
+      moved.x[k] = x[k] - part[k] * offset.x;
+      moved.y[k] = y[k] - part[k] * offset.y;
     }
     count_sharpness(moved.view(), Translation{}, frame, canvas, workspace, sharpness);
     losses.push_back(best - mean_log());

@@ -3,6 +3,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "event_positions.hpp"
+
 namespace emseg {
 namespace {
 
@@ -18,24 +20,14 @@ Vec2f place_of(const EventView& events, std::size_t k, const PixelPlaces& places
 
 }  // namespace
 
-void check_positions(std::span<const std::int64_t> positions, std::size_t event_count) {
-  for (const std::int64_t position : positions) {
-    if (position < 0 || static_cast<std::uint64_t>(position) >= event_count) {
-      throw std::invalid_argument("position " + std::to_string(position) + ", expected one of " +
-                                  std::to_string(event_count) + " events");
-    }
-  }
-}
-
 std::vector<Vec2f> warp_events(const EventView& events, std::span<const std::int64_t> own, std::int64_t t_ref,
                                const MotionModel& model, const WarpFrame& frame, const PixelPlaces& places) {
-  check_positions(own, events.size());
   std::vector<Vec2f> warped(own.size());
   std::visit(
       [&](const auto& motion) {
         const typename std::decay_t<decltype(motion)>::Warp warp(motion, frame);
         for (std::size_t i = 0; i < own.size(); ++i) {
-          const auto k = static_cast<std::size_t>(own[i]);
+          const std::size_t k = event_at(own[i], events);
           const Vec2f from = place_of(events, k, places);
           warped[i] = warp(from.x, from.y, static_cast<float>(seconds_between(t_ref, events.t[k])));
         }

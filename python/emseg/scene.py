@@ -14,7 +14,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from typing import Any, Final, Protocol
 
@@ -88,7 +88,7 @@ class Part:
     tiles: npt.NDArray[np.bool_]
     box: tuple[float, float, float, float]
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Share of the sensor's tiles."""
         return float(self.tiles.mean())
@@ -110,13 +110,6 @@ def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], 
     ]
 
 
-def _some_events(events: EventArray, part: Part, most: int = 600) -> EventArray:
-    own = part.own
-    if len(own) > most:
-        own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
-    return events[own]
-
-
 class Window:
     """What the features of a window's parts are taken from.
 
@@ -135,6 +128,16 @@ class Window:
         self.loss = loss
         self.camera = camera
         self._frame = warp_frame(events, camera)
+        self._samples: dict[int, tuple[Part, EventArray]] = {}
+
+    def sample(self, part: Part, most: int = 600) -> EventArray:
+        """Some events of a part, evenly from its first to its last."""
+        if id(part) not in self._samples:
+            own = part.own
+            if len(own) > most:
+                own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
+            self._samples[id(part)] = part, self.events[own]
+        return self._samples[id(part)][1]
 
     def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
         """Of what is at (x, y) px by a motion over the window, px."""
@@ -199,7 +202,7 @@ def appearance(part: Part, window: Window) -> Features:
         + int(top < _BORDER)
         + int(bottom > events.height - 1 - _BORDER)
     )
-    (still,) = window.loss(_some_events(events, part), part.model, STILL, _RING[:1])
+    (still,) = window.loss(window.sample(part), part.model, STILL, _RING[:1])
     along = window.displacement(part.model, *part.centre)
     speed = math.hypot(*along)
     # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
@@ -236,7 +239,7 @@ def motion_against(
     if reference is part.model:
         lost = [0.0] * len(_RING)
     else:
-        lost = window.loss(_some_events(window.events, part), part.model, reference, _RING)
+        lost = window.loss(window.sample(part), part.model, reference, _RING)
     own, other = (window.displacement(model, *part.centre) for model in (part.model, reference))
     apart, along = math.hypot(*(own - other)), math.hypot(*other)
     # A camera that moves sideways moves what is nearer further the same way.

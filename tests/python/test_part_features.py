@@ -263,7 +263,7 @@ def test_some_events_are_warped_as_all_are(model: MotionModel, camera: Camera | 
 
 @pytest.mark.parametrize("position", [-1, 10])
 def test_positions_that_are_no_events_are_refused(position: int) -> None:
-    events, own = random_events(2, 10), np.array([3, position])
+    events, own = random_events(2, 10), np.array([3] * 30 + [position])
     for refuse in (
         lambda: warp_some(events, own, MODELS[0], 0),
         lambda: _core.inner_box(*columns(events), own, WIDTH, HEIGHT),

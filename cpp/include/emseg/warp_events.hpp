@@ -23,7 +23,4 @@ std::vector<Vec2f> warp_events(const EventView& events, std::span<const std::int
                                const MotionModel& model, const WarpFrame& frame,
                                const PixelPlaces& places = {});
 
-// Throws std::invalid_argument where a position is not one of an event.
-void check_positions(std::span<const std::int64_t> positions, std::size_t event_count);
-
 }  // namespace emseg
