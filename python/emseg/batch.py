@@ -204,8 +204,8 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
     return Outcome(
         job,
         "done",
-        f"{job.source}: {events.count:,} events{thinned}, {writer.windows} windows, {len(writer.tracks)} tracks, "
-        f"{time.perf_counter() - began:.1f} s: {job.target}",
+        f"{job.source}: {events.count:,} events{thinned}, {writer.windows} windows, "
+        f"{len(writer.tracks)} tracks, {time.perf_counter() - began:.1f} s: {job.target}",
     )
 
 
