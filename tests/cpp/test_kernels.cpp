@@ -227,6 +227,22 @@ TEST_CASE("the largest magnitude is that of either sign") {
   }
 }
 
+TEST_CASE("a range is widened to hold all elements but undefined ones") {
+  std::mt19937 random(9);
+  for (const SimdLevel level : simd_levels()) {
+    for (const std::size_t n : sizes) {
+      Floats values = random_floats(random, n, -2, 1);
+      float low = -0.5f, high = 0.25f;  // what it held before
+      for (const float value : values) low = std::min(low, value), high = std::max(high, value);
+      values.insert(values.begin() + static_cast<std::ptrdiff_t>(n / 2), std::nanf(""));
+      float found_low = -0.5f, found_high = 0.25f;
+      kernels_at(level).widen(values.data(), values.size(), &found_low, &found_high);
+      CHECK(found_low == low);
+      CHECK(found_high == high);
+    }
+  }
+}
+
 TEST_CASE("filters and sums have the same bits on every level") {
   std::mt19937 random(3);
   for (const int radius : {0, 1, 2, 4, 7, 8, 9, 20}) {

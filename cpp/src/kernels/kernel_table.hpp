@@ -100,6 +100,8 @@ struct KernelTable {
   void (*subtract_scaled)(float* row, const float* profile, float scale, std::size_t n);
   // The largest of the elements' magnitudes, 0 of none.
   float (*largest_magnitude)(const float* values, std::size_t n);
+  // Widens low .. high to hold the elements; undefined ones do not count.
+  void (*widen)(const float* values, std::size_t n, float* low, float* high);
   void (*natural_log)(const float* values, std::size_t n, float* logs);
 };
 

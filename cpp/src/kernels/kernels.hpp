@@ -30,6 +30,7 @@ void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int
 void add_sums(const float* row, std::size_t n, double* sum, double* square);
 void subtract_scaled(float* row, const float* profile, float scale, std::size_t n);
 float largest_magnitude(const float* values, std::size_t n);
+void widen(const float* values, std::size_t n, float* low, float* high);
 void natural_log(const float* values, std::size_t n, float* logs);
 
 }  // namespace emseg::EMSEG_SIMD_LEVEL

@@ -20,6 +20,7 @@ const KernelTable table{
     .add_sums = add_sums,
     .subtract_scaled = subtract_scaled,
     .largest_magnitude = largest_magnitude,
+    .widen = widen,
     .natural_log = natural_log,
 };
 
