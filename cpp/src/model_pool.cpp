@@ -218,7 +218,12 @@ class PoolSearch {
     }
     const MotionKind kind = richest(options_.kinds);
     std::vector<MotionModel> models(tasks.size());
-    pool_.for_each(tasks.size(), [&](std::size_t i, int worker) {
+    std::vector<std::size_t> sizes;
+    for (const auto& [start, other] : tasks)
+      sizes.push_back(members[start].size() + (other == start ? 0 : members[other].size()));
+    const std::vector<std::size_t> order = largest_first(sizes);
+    pool_.for_each(tasks.size(), [&](std::size_t at, int worker) {
+      const std::size_t i = order[at];
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);

@@ -243,6 +243,22 @@ TEST_CASE("a range is widened to hold all elements but undefined ones") {
   }
 }
 
+TEST_CASE("sums of minima are those of the smaller elements") {
+  std::mt19937 random(10);
+  for (const SimdLevel level : simd_levels()) {
+    for (const std::size_t n : sizes) {
+      std::vector<std::int32_t> a(n), b(n);
+      std::int32_t sum = 0;
+      for (std::size_t k = 0; k < n; ++k) {
+        a[k] = static_cast<std::int32_t>(random() % 100'000);
+        b[k] = k % 5 == 0 ? INT32_MAX : static_cast<std::int32_t>(random() % 100'000);
+        sum += std::min(a[k], b[k]);
+      }
+      CHECK(kernels_at(level).sum_of_minima(a.data(), b.data(), n) == sum);
+    }
+  }
+}
+
 TEST_CASE("filters and sums have the same bits on every level") {
   std::mt19937 random(3);
   for (const int radius : {0, 1, 2, 4, 7, 8, 9, 20}) {

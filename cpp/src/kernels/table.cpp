@@ -14,6 +14,7 @@ const KernelTable table{
     .filter_row = filter_row,
     .filter_rows = filter_rows,
     .nearest_cells = nearest_cells,
+    .sum_of_minima = sum_of_minima,
     .smooth_counts_down = smooth_counts_down,
     .smooth_counts_across = smooth_counts_across,
     .add_patches = add_patches,
