@@ -43,8 +43,6 @@ __all__: list[str] = [
     "fit_motion",
     "iwe",
     "labeling_energy",
-    "largest_window",
-    "longest_window_us",
     "max_flow",
     "simd_level",
     "simd_levels",
@@ -392,8 +390,6 @@ class Segmentation:
     @property
     def models(self) -> list[tuple[str, list[float]]]: ...
     @property
-    def next_duration_us(self) -> int: ...
-    @property
     def reference_sharpness(self) -> float: ...
     @property
     def t_ref(self) -> int: ...
@@ -446,18 +442,6 @@ class Segmenter:
     ) -> Segmentation:
         """
         Segment one window.  Models are (kind, parameters); an empty pool is searched for.
-        """
-    def window_end(
-        self,
-        x: numpy.typing.NDArray[numpy.uint16],
-        y: numpy.typing.NDArray[numpy.uint16],
-        t: numpy.typing.NDArray[numpy.int64],
-        p: numpy.typing.NDArray[numpy.uint8],
-        begin: typing.SupportsInt | typing.SupportsIndex,
-        duration_us: typing.SupportsInt | typing.SupportsIndex,
-    ) -> int:
-        """
-        One past the last event of a window of this duration; 0 is judged from the events.
         """
 
 class TextureKind:
@@ -984,6 +968,4 @@ def windows_by_duration(
     Bounds int64 (k, 2) of the windows [t0 + k d, t0 + (k+1) d) that hold events.
     """
 
-largest_window: int = 500000
-longest_window_us: int = 200000
 version: str = "0.1.0"
