@@ -1,4 +1,4 @@
-"""Curves of what `bench.experiments` measures: a figure a parameter, panels of quality, clusters, time."""
+"""Curves of what `bench.experiments` measures: a figure a parameter, panels of quality, clusters and time."""
 
 from __future__ import annotations
 
@@ -16,27 +16,31 @@ from bench.plots import STYLE
 
 PANELS: Final = (
     ("moving_iou_deployed", "moving IoU"),
+    ("object_iou", "object IoU"),
     ("clusters_per_motion", "clusters per motion"),
     ("cpu_s_a_mega_event", "CPU s per million events"),
 )
 
 
 def plot_parameters(
-    rows: Sequence[dict[str, Any]], parameters: Sequence[str], folder: Path
+    rows: Sequence[dict[str, Any]], parameters: Sequence[str], folder: Path, *, caption: str
 ) -> dict[str, Path]:
     """Draw every parameter's curves, experiments_<parameter>.svg; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(STYLE):
         return {
             name: _plot(
-                [row for row in rows if row["what"] == name], name, folder / f"experiments_{name}.svg"
+                [row for row in rows if row["what"] == name],
+                name,
+                folder / f"experiments_{name}.svg",
+                caption,
             )
             for name in parameters
         }
 
 
-def _plot(rows: Sequence[dict[str, Any]], parameter: str, path: Path) -> Path:
-    figure, axes = plt.subplots(1, len(PANELS), figsize=(10, 3.2))
+def _plot(rows: Sequence[dict[str, Any]], parameter: str, path: Path, caption: str) -> Path:
+    figure, axes = plt.subplots(1, len(PANELS), figsize=(13, 3.4))
     scenes = list(dict.fromkeys(row["experiment"] for row in rows))
     values = sorted({row["value"] for row in rows})
     for panel, (name, title) in zip(axes, PANELS, strict=True):
@@ -47,6 +51,7 @@ def _plot(rows: Sequence[dict[str, Any]], parameter: str, path: Path) -> Path:
         if name == "moving_iou_deployed":
             oracle = _curve(rows, values, "moving_iou_oracle")
             panel.plot(values, oracle, "k--", label="mean, oracle", linewidth=1.2)
+        if name.endswith(("iou", "iou_deployed")):
             panel.set_ylim(0, 1)
         if name == "clusters_per_motion":
             panel.axhline(1, color="0.6", linestyle=":")
@@ -54,7 +59,8 @@ def _plot(rows: Sequence[dict[str, Any]], parameter: str, path: Path) -> Path:
         panel.set_title(title, fontsize=9)
         panel.grid(True, color="0.92")
     axes[0].legend(fontsize=6)
-    figure.tight_layout()
+    figure.text(0.99, 0.01, caption, ha="right", fontsize=6, color="0.4")
+    figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
     return path
