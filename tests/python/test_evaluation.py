@@ -167,6 +167,9 @@ def test_published_figures_have_a_source_and_a_protocol() -> None:
         assert figure.source
         assert figure.protocol in PROTOCOLS
         assert 0 < figure.value < 1
+    unconfirmed = {(f.dataset, f.method) for f in PUBLISHED if not f.confirmed}
+    assert unconfirmed == {("eed", "EMSMC"), ("evimo", "EMSGC")}  # EMSGC's own figure
+    assert {f.group for f in PUBLISHED if not f.confirmed} == {""}
     fast = [f for f in published_for("evimo") if f.group == "fast" and f.protocol == "mask 40 Hz"]
     assert {f.method: f.value for f in fast} == {
         "EMSGC": 0.43,
@@ -191,6 +194,8 @@ def test_ours_stand_before_the_published_and_skipped_are_counted() -> None:
     assert of_table[0] == OURS
     assert len(of_table) == 7
     text = text_table(rows)
+    assert "TNNLS 2021 (arXiv 2012.08730): 76.81 %; not confirmed" in text
+    assert text.count("not confirmed") == 1
     assert "mask 40 Hz: moving mask at pixels with events, 40 Hz" in text
     assert "Sanket et al., EVDodgeNet, ICRA 2020" in text
     assert " 7 frames        1 " in text

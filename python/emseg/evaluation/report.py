@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from emseg.evaluation.protocols import PROTOCOLS, Figure
-from emseg.evaluation.published import published_for
+from emseg.evaluation.published import UNCONFIRMED, published_for
 from emseg.evaluation.views import View
 from emseg.writers import write_png
 
@@ -49,7 +49,14 @@ def merged_rows(dataset: str, figures: Iterable[tuple[str, Figure]]) -> list[Row
     ours = [_summary(*key, values) for key, values in gathered.items()]
     theirs = [
         Row(
-            figure.protocol, figure.name, figure.group, figure.method, figure.value, None, None, figure.source
+            figure.protocol,
+            figure.name,
+            figure.group,
+            figure.method,
+            figure.value,
+            None,
+            None,
+            figure.source + ("" if figure.confirmed else UNCONFIRMED),
         )
         for figure in published_for(dataset)
     ]
