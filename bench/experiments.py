@@ -1,7 +1,7 @@
 """The experiments of the master thesis that this work carries on: settings side by side, and curves.
 
 ``python -m bench.experiments [--suite DIR] [--seeds A:B] [--duration S] [--data NAME=DIR …] [--only WHICH]
-[--scenes NAME …] [--parameters NAME …] [--jobs N] [--out DIR]``
+[--scenes NAME …] [--parameters NAME …] [--jobs N] [--out DIR] [--redraw]``
 
 Its chapter 6.1 shows five scenes: hands (DVSMOTION20), fast_drone (EED), a sequence of EV-IMO, and two own
 recordings, slow_cam and fast_cam.  The suite of `emseg simulate` has their like, with truth; `--data` takes
@@ -20,9 +20,11 @@ one after a change of the engine measures everything anew.
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
@@ -48,6 +50,7 @@ from bench.experiment_runs import (
 )
 from bench.experiment_tables import (
     CLAIMS,
+    SETTINGS,
     parameter_table,
     settings_table,
     sweep_table,
@@ -118,7 +121,13 @@ def run_all(runs: Sequence[Run], jobs: int, folder: Path) -> tuple[list[dict[str
         mininterval=0.5 if sys.stderr.isatty() else 30,
     )
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=1)
+    executor = ProcessPoolExecutor(
+        jobs,
+        mp_context=context,
+        max_tasks_per_child=1,
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
     try:
         running = {executor.submit(measure, run): key for key, run in by_key.items() if key not in known}
         for future in as_completed(running):
@@ -159,6 +168,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="of the thesis' size, in the middle of each recording, that curves are measured on",
     )
     add("--most-cpu-s", type=float, default=MOST_CPU_S, help="a run that takes longer is cut short")
+    add("--redraw", action="store_true", help="measure nothing: tables and curves of experiments.json")
     add("--jobs", type=int, default=2, help="runs at a time")
     add("--out", type=Path, default=ROOT / "bench" / "results")
     return parser.parse_args(arguments)
@@ -173,64 +183,73 @@ def _seeds(text: str) -> range:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
-    found = circumstances()
-    print_circumstances(found)
-    recordings = recordings_of(options)
-    rows, failed = run_all(runs_of(options, recordings), options.jobs, options.suite / "runs")
-    options.out.mkdir(parents=True, exist_ok=True)
-    about = {
-        "seeds": [options.seeds.start, options.seeds.stop],
-        "curve_seeds": list(options.seeds[: options.curve_seeds]),
-        "durations": {run.experiment: run.seconds for run in recordings},
-        "windows": options.windows,
-        "most_cpu_s": options.most_cpu_s,
-        "data": options.data,
-    }
-    settings = {name: asdict(emseg.Config.preset(EXPERIMENTS[name].thesis)) for name in options.scenes}
-    write_json(options.out / "experiments.json", found, **about, settings=settings, runs=rows, failed=failed)
-    page = _page(found, about, rows, options)
-    (options.out / "experiments.md").write_text(page, encoding="utf-8")
+    path = options.out / "experiments.json"
+    if not options.redraw:
+        found = circumstances()
+        print_circumstances(found)
+        recordings = recordings_of(options)
+        try:
+            rows, failed = run_all(runs_of(options, recordings), options.jobs, options.suite / "runs")
+        except KeyboardInterrupt:
+            print("interrupted: the same command goes on from here", file=sys.stderr)
+            return 130
+        options.out.mkdir(parents=True, exist_ok=True)
+        write_json(
+            path,
+            found,
+            seeds=list(options.seeds),
+            curve_seeds=list(options.seeds[: options.curve_seeds]),
+            durations={run.experiment: run.seconds for run in recordings},
+            windows=options.windows,
+            most_cpu_s=options.most_cpu_s,
+            data=options.data,
+            settings={name: asdict(emseg.Config.preset(EXPERIMENTS[name].thesis)) for name in options.scenes},
+            runs=rows,
+            failed=failed,
+        )
+    contents = json.loads(path.read_text(encoding="utf-8"))
+    page = _page(contents, options.out)
+    path.with_suffix(".md").write_text(page, encoding="utf-8")
     print(page)
-    for line in failed:
+    for line in contents["failed"]:
         print(f"failed: {line}", file=sys.stderr)
-    return 1 if failed else 0
+    return 1 if contents["failed"] else 0
 
 
-def _page(
-    found: dict[str, Any], about: dict[str, Any], rows: Sequence[dict[str, Any]], options: argparse.Namespace
-) -> str:
-    """The tables, and the curves drawn beside them."""
-    machine = found["machine"]
-    first, last = options.seeds[0], options.seeds[-1]
-    curve_seeds = ", ".join(map(str, about["curve_seeds"]))
-    durations = ", ".join(f"{name} {seconds:g}" for name, seconds in about["durations"].items())
-    each = {
-        (row["recording"], row["cpu_s"], row["process_cpu_s"]) for row in rows
-    }  # some are in several tables
+def _page(contents: Mapping[str, Any], folder: Path) -> str:
+    """The tables, and the curves drawn beside them, of what experiments.json holds."""
+    rows, machine = contents["runs"], contents["machine"]
+    durations = ", ".join(f"{name} {seconds:g}" for name, seconds in contents["durations"].items())
+    each = {(row["recording"], row["cpu_s"], row["process_cpu_s"]) for row in rows}  # some recur
     minutes = sum(process_cpu_s for *_, process_cpu_s in each) / 60
-    cut = sum(row["cut_short"] for row in rows)
+    given = f" Public data: {', '.join(contents['data'])}." if contents["data"] else ""
     lines = [
         "# The thesis' experiments",
         "",
-        f"`python -m bench.experiments`: commit {found['commit']}; {machine['processor']}, "
+        f"`python -m bench.experiments`: commit {contents['commit']}; {machine['processor']}, "
         f"{machine['cores']} cores; {len(each)} runs, one thread and one process each, "
-        f"{minutes:.0f} CPU minutes in all. Seconds of the recordings: {durations}. "
+        f"{minutes:.0f} CPU minutes in all. Seconds of the recordings: {durations}.{given} "
         "Means over seeds and windows with at least 200 events of objects. "
-        f"Peak MB is what a run adds to its recording. {cut or 'None'} of the runs "
-        f"{'was' if cut == 1 else 'were'} cut short at {options.most_cpu_s:g} CPU seconds.",
+        "Peak MB is what a run adds to its recording. "
+        + _cut_short([row for row in rows if row["cut_short"]], contents["most_cpu_s"]),
     ]
-    if options.only != "parameters":
-        lines += ["", "## Settings side by side", "", f"Seeds {first} to {last}, whole recordings."]
+    if any(row["what"] in SETTINGS for row in rows):
+        lines += [
+            "",
+            "## Settings side by side",
+            "",
+            f"Seeds {_listed(contents['seeds'])}, whole recordings.",
+        ]
         lines += ["", settings_table(rows, list(EXPERIMENTS))]
-    if options.only != "settings":
+    names = [name for name in PARAMETERS if any(row["what"] == name for row in rows)]
+    if names:
         from bench.experiment_plots import plot_parameters
 
-        names = [name for name in PARAMETERS if name in options.parameters]
         caption = (
-            f"commit {found['commit']}, seeds {curve_seeds}, "
-            f"the middle {options.windows} windows of the thesis' size"
+            f"commit {contents['commit']}, seeds {_listed(contents['curve_seeds'])}, "
+            f"the middle {contents['windows']} windows of the thesis' size"
         )
-        drawn = plot_parameters(rows, names, options.out, caption=caption)
+        drawn = plot_parameters(rows, names, folder, caption=caption)
         lines += ["", "## What parameters do", "", f"Of {caption}; the same events for every value.", ""]
         for name in names:
             lines += [f"**{name}** — the thesis: {CLAIMS[name]}", "", parameter_table(rows, name), ""]
@@ -238,6 +257,17 @@ def _page(
         if sweep := sweep_table(rows, HANDS_SMOOTH):
             lines += ["## hands, the thesis' own sweep", "", sweep]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _cut_short(cut: Sequence[dict[str, Any]], most_cpu_s: float) -> str:
+    if not cut:
+        return f"No run took its {most_cpu_s:g} CPU seconds."
+    runs = (f"{row['experiment']}, {row['what']} {row['value'] or 0:g}, seed {row['seed']}" for row in cut)
+    return f"Cut short at {most_cpu_s:g} CPU seconds: {'; '.join(dict.fromkeys(runs))}."
+
+
+def _listed(seeds: Sequence[int]) -> str:
+    return f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
 
 
 if __name__ == "__main__":

@@ -172,9 +172,14 @@ def test_experiments(tmp_path: Path) -> None:
     for name in ("moving_iou_deployed", "object_iou", "labels", "windows"):
         assert swept[name] == runs[0][name]
     page = (tmp_path / "experiments.md").read_text(encoding="utf-8")
-    assert "seeds 11000," in page
+    assert f"commit {written['commit']}, seeds 11000, the middle" in page
     assert "![lambda_data](experiments_lambda_data.svg)" in page
-    assert (tmp_path / "experiments_lambda_data.svg").exists()
+    curves = (tmp_path / "experiments_lambda_data.svg").read_text(encoding="utf-8")
+    assert f"commit {written['commit']}, seeds 11000, the middle" in curves
+    (tmp_path / "experiments.md").unlink()
+    run_experiments("--redraw", out=tmp_path)  # of what was measured
+    assert (tmp_path / "experiments.md").read_text(encoding="utf-8") == page
+    assert (tmp_path / "experiments_lambda_data.svg").read_text(encoding="utf-8") == curves
 
 
 def test_experiments_vary_one_parameter_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
