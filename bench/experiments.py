@@ -33,7 +33,7 @@ from typing import Any, Final
 from tqdm import tqdm
 
 import emseg
-from bench.common import ROOT, circumstances, number, print_circumstances, write_json
+from bench.common import ROOT, circumstances, number, print_circumstances
 from bench.experiment_runs import (
     EXPERIMENTS,
     HANDS_SMOOTH,
@@ -194,19 +194,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("interrupted: the same command goes on from here", file=sys.stderr)
             return 130
         options.out.mkdir(parents=True, exist_ok=True)
-        write_json(
-            path,
-            found,
-            seeds=list(options.seeds),
-            curve_seeds=list(options.seeds[: options.curve_seeds]),
-            durations={run.experiment: run.seconds for run in recordings},
-            windows=options.windows,
-            most_cpu_s=options.most_cpu_s,
-            data=options.data,
-            settings={name: asdict(emseg.Config.preset(EXPERIMENTS[name].thesis)) for name in options.scenes},
-            runs=rows,
-            failed=failed,
-        )
+        measured = {
+            **found,
+            "seeds": list(options.seeds),
+            "curve_seeds": list(options.seeds[: options.curve_seeds]),
+            "durations": {run.experiment: run.seconds for run in recordings},
+            "windows": options.windows,
+            "most_cpu_s": options.most_cpu_s,
+            "data": options.data,
+            "settings": {
+                name: asdict(emseg.Config.preset(EXPERIMENTS[name].thesis)) for name in options.scenes
+            },
+            "failed": failed,
+        }
+        path.write_text(_written(measured, rows), encoding="utf-8")
     contents = json.loads(path.read_text(encoding="utf-8"))
     page = _page(contents, options.out)
     path.with_suffix(".md").write_text(page, encoding="utf-8")
@@ -214,6 +215,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for line in contents["failed"]:
         print(f"failed: {line}", file=sys.stderr)
     return 1 if contents["failed"] else 0
+
+
+def _written(measured: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> str:
+    """JSON with a line a run, so that it is small, and a change of one run a change of one line."""
+    rounded = [
+        {name: float(f"{value:.6g}") if isinstance(value, float) else value for name, value in row.items()}
+        for row in rows
+    ]
+    runs = ",\n".join(json.dumps(row) for row in rounded)
+    return json.dumps(measured, indent=1).removesuffix("\n}") + f',\n "runs": [\n{runs}\n]}}\n'
 
 
 def _page(contents: Mapping[str, Any], folder: Path) -> str:
