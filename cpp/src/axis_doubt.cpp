@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 namespace emseg {
 
@@ -26,8 +27,10 @@ std::vector<std::int32_t> axis_doubts(const BlockGrid& grid, const MotionModel& 
   warp_points(ends.view(), model, frame, x, y);
   for (std::size_t b = 0; b < n; ++b) {
     const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
-    const double fast = std::clamp((std::max(dx, dy) - 4.0) / 4.0, 0.0, 1.0);
-    const double straight = std::clamp(1.5 - std::min(dx, dy), 0.0, 1.0);
+    const double along = std::max(dx, dy);
+    const double fast = std::clamp((along - 4.0) / 4.0, 0.0, 1.0);
+    static const double ANG = std::getenv("ANG") ? std::atof(std::getenv("ANG")) : 0.0;
+    const double straight = std::clamp(1.5 + ANG * along - std::min(dx, dy), 0.0, 1.0);
     doubts[b] = static_cast<std::int32_t>(std::lround(cost * fast * straight));
   }
   return doubts;

@@ -261,9 +261,14 @@ class PoolSearch {
                        [&](std::size_t m) { return m >= count; });
   }
 
+  // The models chosen last, and the tracked ones: whether their objects are still there is for the labels of all
+  // events to say.
   ModelPool chosen_models() const {
     ModelPool pool;
-    for (const std::size_t m : selection_.chosen) {
+    for (std::size_t m = 0; m < models_.size(); ++m) {
+      const bool chosen = std::ranges::find(selection_.chosen, m) != selection_.chosen.end();
+      const bool given = tracked_[m] && m <= options_.candidates.size() + options_.tracked.size();
+      if (!chosen && !given) continue;
       pool.models.push_back(models_[m]);
       pool.tracked.push_back(tracked_[m]);
     }

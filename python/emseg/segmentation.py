@@ -390,7 +390,7 @@ class Segmenter:
                     start, future = running.popleft()
                     found = future.result()
                     objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
-                    known = known_motions(found, objects)
+                    known = known_motions(found, tracker)
                     if wanted is not None:
                         wanted = next_duration(found.duration, objects)
                     done = found.relabelled(objects, start=start)
@@ -438,13 +438,11 @@ class Segmenter:
         return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
 
 
-def known_motions(found: Segmentation, objects: Objects) -> dict[str, list[MotionModel]]:
+def known_motions(found: Segmentation, tracker: Tracker) -> dict[str, list[MotionModel]]:
     """What a later window may start from, as `find_motions` takes it: motions of objects, and the others."""
-    moving = [model.native() for model in objects.part_models[1:]]
-    known: dict[str, list[MotionModel]] = {"candidates": [], "tracked": []}
-    for model in found.models:
-        known["tracked" if model.native() in moving else "candidates"].append(model)
-    return known
+    tracked = tracker.motions()
+    moving = [model.native() for model in tracked]
+    return {"candidates": [m for m in found.models if m.native() not in moving], "tracked": tracked}
 
 
 def segment(

@@ -82,6 +82,7 @@ class _Track:
     velocity: npt.NDArray[np.float64]  # px/s of the box's centre
     seen: int  # µs
     evidence: float  # that it moves: logits of its windows, older ones forgotten
+    model: MotionModel
 
     def predicted(self, t: int) -> Box:
         dx, dy = self.velocity * ((t - self.seen) * 1e-6)
@@ -191,9 +192,14 @@ class Tracker:
             if part is not background:
                 velocity = window.displacement(part.model, *part.centre) / window.duration
                 strength = min(max(float(evidence[k]), -_SURE), _SURE)
-                self._remember(_Track(numbers[k], boxes[k], velocity, t_ref, strength), seen[k])
+                self._remember(_Track(numbers[k], boxes[k], velocity, t_ref, strength, part.model), seen[k])
         self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
         return found
+
+    def motions(self) -> list[MotionModel]:
+        """Last known motions of the objects that are remembered, each once."""
+        known = {str(t.model.native()): t.model for t in self._tracks if t.number and t.evidence > 0}
+        return list(known.values())
 
     def split(
         self, events: EventArray, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], t_ref: int
