@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 
 namespace emseg {
 
@@ -29,8 +28,7 @@ std::vector<std::int32_t> axis_doubts(const BlockGrid& grid, const MotionModel& 
     const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
     const double along = std::max(dx, dy);
     const double fast = std::clamp((along - 4.0) / 4.0, 0.0, 1.0);
-    static const double ANG = std::getenv("ANG") ? std::atof(std::getenv("ANG")) : 0.0;
-    const double straight = std::clamp(1.5 + ANG * along - std::min(dx, dy), 0.0, 1.0);
+    const double straight = std::clamp(1.5 + 0.05 * along - std::min(dx, dy), 0.0, 1.0);
     doubts[b] = static_cast<std::int32_t>(std::lround(cost * fast * straight));
   }
   return doubts;
