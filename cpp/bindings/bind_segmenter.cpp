@@ -1,6 +1,5 @@
 #include <pybind11/stl.h>
 
-#include "emseg/adaptive_window.hpp"
 #include "emseg/segmenter.hpp"
 #include "numpy_views.hpp"
 
@@ -63,11 +62,6 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
 }  // namespace
 
 void bind_segmenter(py::module_& m) {
-  // How far Segmenter.window_end looks ahead at the most.
-  const AdaptiveWindowOptions lengths;
-  m.attr("longest_window_us") = lengths.max_duration_us;
-  m.attr("largest_window") = lengths.max_events;
-
   const SegmenterOptions defaults;
   std::vector<std::string> default_kinds;
   for (const MotionKind kind : defaults.kinds) default_kinds.emplace_back(name_of(kind));
@@ -135,7 +129,6 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("energy", &Segmentation::energy)
       .def_readonly("energy_trace", &Segmentation::energy_trace)
       .def_readonly("reference_sharpness", &Segmentation::reference_sharpness)
-      .def_readonly("next_duration_us", &Segmentation::next_duration_us)
       .def_readonly("thinned", &Segmentation::thinned)
       .def_readonly("timings", &Segmentation::timings);
 
@@ -173,16 +166,5 @@ void bind_segmenter(py::module_& m) {
           py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref"), py::arg("window"),
           py::arg("own"), py::arg("other"), py::arg("offsets"),
           "Nats an event that the other motion, moved by each offset (px over the window), loses against the "
-          "own.")
-      .def(
-          "window_end",
-          [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
-             const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::size_t begin,
-             std::int64_t duration_us) {
-            const EventView events = event_view(x, y, t, p);
-            py::gil_scoped_release release;
-            return segmenter.window_end(events, begin, duration_us);
-          },
-          py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("begin"), py::arg("duration_us"),
-          "One past the last event of a window of this duration; 0 is judged from the events.");
+          "own.");
 }

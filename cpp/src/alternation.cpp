@@ -146,8 +146,11 @@ bool Alternation::refit() {
     if (!members[l].empty() && members_changed(l)) refits.push_back({l, {}, {}, {}});
   }
   const MotionKind kind = richest(options_.kinds);
-  pool_.for_each(refits.size(), [&](std::size_t i, int worker) {
-    Refit& refit = refits[i];
+  std::vector<std::size_t> sizes;
+  for (const Refit& refit : refits) sizes.push_back(members[refit.label].size());
+  const std::vector<std::size_t> order = largest_first(sizes);
+  pool_.for_each(refits.size(), [&](std::size_t turn, int worker) {
+    Refit& refit = refits[order[turn]];
     const std::vector<std::size_t>& all = members[refit.label];
     Points own;
     for (const std::size_t at : even_sample(all.size(), options_.max_refit_events))

@@ -100,7 +100,6 @@ class Evaluation {
   std::size_t width() const { return static_cast<std::size_t>(area_.width); }
   std::size_t stride() const { return rounded_up(width(), line_floats); }
   int radius() const { return static_cast<int>(taps_.size()) - 1; }
-  float* cells() const { return iwe_.cells.data() + VoteGrid::lead; }
   double pixels() const { return static_cast<double>(region_.area()); }
 
   // Mean square of the blurred image, about its mean for the variance.  Its rows are blurred along themselves
@@ -129,7 +128,7 @@ class Evaluation {
   // The second pass of the second blur, where there are votes, less what a constant image of `mean_` gives
   // there.
   void spread_image() {
-    clear_border();
+    cells_ = grid_.cells_without_border(iwe_.cells);
     const auto across = blurred_ones(region_.width), down = blurred_ones(region_.height);
     workspace_.padded.assign(stride(), 0.0f);
     std::vector<const float*> window(2 * taps_.size() - 1);
@@ -138,7 +137,7 @@ class Evaluation {
         const bool inside = y + d >= area_.y0 && y + d < area_.y0 + area_.height;
         window[static_cast<std::size_t>(d + radius())] = inside ? once_more(y + d) : workspace_.padded.data();
       }
-      float* const to = cells() + grid_.cell_of(area_.x0, y);
+      float* const to = cells_ + grid_.cell_of(area_.x0, y);
       kernels().filter_rows(window.data(), width(), taps_.data(), radius(), to);
       const auto level = static_cast<float>(mean_ * down[static_cast<std::size_t>(y)]);
       if (level != 0) kernels().subtract_scaled(to, across.data() + area_.x0, level, width());
@@ -167,23 +166,10 @@ class Evaluation {
     Image& adjoint = workspace_.adjoint;
     gradient_square_adjoint(workspace_.image, adjoint);
     gaussian_blur(adjoint, taps_, iwe_.blur);
-    clear_border();
+    cells_ = grid_.cells_without_border(iwe_.cells);
     for (int y = 0; y < region_.height; ++y) {
-      std::copy_n(adjoint.row(y), region_.width, cells() + grid_.cell_of(0, y));
+      std::copy_n(adjoint.row(y), region_.width, cells_ + grid_.cell_of(0, y));
     }
-  }
-
-  // Only cells that places refer to need hold anything: those of votes, which are written, and the border.
-  void clear_border() {
-    iwe_.cells.resize(std::max(iwe_.cells.size(), VoteGrid::lead + grid_.cell_count()));
-    const auto next = static_cast<std::size_t>(grid_.stride());
-    const auto height = static_cast<std::size_t>(region_.height);
-    std::fill_n(cells(), next, 0.0f);
-    for (std::size_t row = 1; row <= height; ++row) {
-      float* const right = cells() + row * next + static_cast<std::size_t>(region_.width) + 1;
-      cells()[row * next] = right[0] = right[1] = 0;
-    }
-    std::fill_n(cells() + (height + 1) * next, 2 * next, 0.0f);
   }
 
   // sum_k grad J(x'_k) · dx'_k/dtheta
@@ -194,7 +180,7 @@ class Evaluation {
     const VotePlaces& at = iwe_.places;
     for (std::size_t first = 0; first < points_.size(); first += chunk) {
       const std::size_t count = std::min(chunk, points_.size() - first);
-      kernels().sample_slopes(cells(), grid_.stride(), at.cell.data() + first, at.right.data() + first,
+      kernels().sample_slopes(cells_, grid_.stride(), at.cell.data() + first, at.right.data() + first,
                               at.low.data() + first, count, dx.data(), dy.data());
       if (!points_.sign.empty()) {
         for (std::size_t k = 0; k < count; ++k) {
@@ -219,6 +205,7 @@ class Evaluation {
   ContrastWorkspace& workspace_;
   IweWorkspace& iwe_ = workspace_.iwe;
   VoteGrid& grid_ = workspace_.iwe.grid;
+  float* cells_ = nullptr;
   Region voted_, area_;  // of the region, where votes are, and where the blurred image is not zero
   double mean_ = 0;
 };

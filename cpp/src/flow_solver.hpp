@@ -118,7 +118,7 @@ class FlowSolver {
 
   // Of a maximum flow: whether a deficit can still be reached from v.  This is the minimum cut with the
   // fewest nodes on the sink's side.
-  bool on_sink_side(std::size_t v) const { return distance_[v] < 0; }
+  bool on_sink_side(std::size_t v) const { return nodes_[v].distance < 0; }
 
  private:
   enum class Side { source, sink };
@@ -126,6 +126,11 @@ class FlowSolver {
   static constexpr std::int32_t kRoot = -1;
   static constexpr std::int32_t kOrphan = -2;
   static constexpr std::int32_t kNone = -1;
+
+  struct Node {
+    std::int32_t distance;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
+    std::int32_t parent;    // arc to the parent, kRoot or kOrphan
+  };
 
   struct Forest {
     std::int32_t depth = 1;              // the deepest finished level
@@ -153,8 +158,8 @@ class FlowSolver {
     return side == Side::source ? level : -level;
   }
 
-  std::int32_t& distance(std::int32_t v) { return distance_[static_cast<std::size_t>(v)]; }
-  std::int32_t& parent(std::int32_t v) { return parent_[static_cast<std::size_t>(v)]; }
+  std::int32_t& distance(std::int32_t v) { return nodes_[static_cast<std::size_t>(v)].distance; }
+  std::int32_t& parent(std::int32_t v) { return nodes_[static_cast<std::size_t>(v)].parent; }
   Capacity& excess_at(std::int32_t v) { return excess_[static_cast<std::size_t>(v)]; }
   template <Side side>
   Forest& forest() {
@@ -188,9 +193,7 @@ class FlowSolver {
   const ArcRows* rows_ = nullptr;
   std::span<Residuals<Residual>> residuals_;
   std::span<Capacity> excess_;
-  std::vector<std::int32_t>
-      distance_;  // > 0: level in the source's forest; < 0: minus that in the sink's; 0: free
-  std::vector<std::int32_t> parent_;  // arc to the parent, kRoot or kOrphan
+  std::vector<Node> nodes_;
   std::vector<std::int32_t> next_orphan_;
   std::vector<std::int32_t> orphans_;  // per level: head of a list through next_orphan_
   std::vector<Detached> detached_;     // orphans that cannot stay on their level
@@ -262,8 +265,7 @@ void FlowSolver<Capacity, Residual>::push_to_neighbours_of() {
 template <typename Capacity, typename Residual>
 void FlowSolver<Capacity, Residual>::plant() {
   const std::size_t n = node_count();
-  distance_.assign(n, 0);
-  parent_.assign(n, kRoot);
+  nodes_.assign(n, {0, kRoot});
   next_orphan_.resize(n);
   orphans_.assign(2, kNone);
   for (Forest* forest : {&source_, &sink_}) {
@@ -273,7 +275,7 @@ void FlowSolver<Capacity, Residual>::plant() {
   }
   for (std::size_t v = 0; v < n; ++v) {
     if (excess_[v] == 0) continue;
-    distance_[v] = excess_[v] > 0 ? 1 : -1;
+    nodes_[v].distance = excess_[v] > 0 ? 1 : -1;
     (excess_[v] > 0 ? source_ : sink_).frontier.push_back(static_cast<std::int32_t>(v));
   }
 }

@@ -50,8 +50,7 @@ float sample_iwe(const PointView& points, const MotionModel& model, const WarpFr
   grid.reset(region);
   workspace.places.resize(points.size());
   grid.vote(workspace.x, workspace.y, points.sign, workspace.places);
-  workspace.cells.assign(VoteGrid::lead + grid.cell_count(), 0.0f);
-  float* const cells = workspace.cells.data() + VoteGrid::lead;
+  float* const cells = grid.cells_without_border(workspace.cells);
   const Region area = blurred_area(grid.voted(), region, taps);
   float peak = 0;
   take_blurred(
@@ -79,10 +78,7 @@ Region bounding_region(std::span<const float> x, std::span<const float> y, int m
   // A bilinear vote touches floor(x) and the pixel after it.
   const auto range = [margin](std::span<const float> values, int first, int last, int& begin, int& length) {
     float low = static_cast<float>(last), high = static_cast<float>(first);
-    for (const float value : values) {
-      low = value < low ? value : low;
-      high = value > high ? value : high;
-    }
+    kernels().widen(values.data(), values.size(), &low, &high);
     const auto clamped = [&](float value) {
       return std::clamp(value, static_cast<float>(first), static_cast<float>(last));
     };

@@ -162,10 +162,14 @@ class PoolSearch {
 
   // Chooses among all candidates.
   void choose() {
-    cost_of_ = event_costs(reference_of_chosen());
+    std::vector<std::uint8_t> cost_of = event_costs(reference_of_chosen());
+    // Costs stay as they are while the reference does.
+    const std::size_t known = cost_of == cost_of_ ? costs_.size() : 0;
+    cost_of_ = std::move(cost_of);
     costs_.resize(models_.size());
-    pool_.for_each(models_.size(),
-                   [&](std::size_t m, int) { costs_[m] = block_costs(grid_, sharpness_[m], cost_of_); });
+    pool_.for_each(models_.size() - known, [&](std::size_t i, int) {
+      costs_[known + i] = block_costs(grid_, sharpness_[known + i], cost_of_);
+    });
     selection_ = select_models(costs_, label_cost_);
   }
 
@@ -214,7 +218,12 @@ class PoolSearch {
     }
     const MotionKind kind = richest(options_.kinds);
     std::vector<MotionModel> models(tasks.size());
-    pool_.for_each(tasks.size(), [&](std::size_t i, int worker) {
+    std::vector<std::size_t> sizes;
+    for (const auto& [start, other] : tasks)
+      sizes.push_back(members[start].size() + (other == start ? 0 : members[other].size()));
+    const std::vector<std::size_t> order = largest_first(sizes);
+    pool_.for_each(tasks.size(), [&](std::size_t at, int worker) {
+      const std::size_t i = order[at];
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);

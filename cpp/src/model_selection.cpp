@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "kernels/kernel_table.hpp"
+
 namespace emseg {
 
 BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
@@ -63,9 +65,8 @@ Costs minimum_over(const std::vector<Costs>& costs, const std::vector<std::size_
 }
 
 std::int64_t total_with(const Costs& minimum, const Costs& candidate) {
-  std::int32_t sum = 0;  // at most the candidate's own
-  for (std::size_t b = 0; b < minimum.size(); ++b) sum += std::min(minimum[b], candidate[b]);
-  return sum;
+  return kernels().sum_of_minima(minimum.data(), candidate.data(),
+                                 minimum.size());  // at most the candidate's own
 }
 
 // The candidate that lowers the total most when added to `minimum`.

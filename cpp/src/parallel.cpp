@@ -1,11 +1,20 @@
 #include "emseg/parallel.hpp"
 
 #include <algorithm>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <system_error>
 
 namespace emseg {
+
+std::vector<std::size_t> largest_first(std::span<const std::size_t> sizes) {
+  std::vector<std::size_t> order(sizes.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return sizes[a] > sizes[b]; });
+  return order;
+}
 
 ThreadPool::ThreadPool(int threads) : worker_count_(threads) {
   if (threads < 0 || threads > 1024) {

@@ -17,10 +17,11 @@ float centred(std::uint64_t bits) { return static_cast<float>(bits & 0xFFFF) * (
 
 }  // namespace
 
-void scatter_over_pixels(const EventView& events, Points& points) {
+void scatter_over_pixels(const EventView& events, std::int64_t t_ref, Points& points) {
   for (std::size_t k = 0; k < points.size(); ++k) {
-    const std::uint64_t bits = mix(static_cast<std::uint64_t>(events.t[k]) * 0x9E3779B97F4A7C15u +
-                                   (std::uint64_t{events.y[k]} << 17 | events.x[k]));
+    const std::uint64_t since = static_cast<std::uint64_t>(events.t[k]) - static_cast<std::uint64_t>(t_ref);
+    const std::uint64_t bits =
+        mix(since * 0x9E3779B97F4A7C15u + (std::uint64_t{events.y[k]} << 17 | events.x[k]));
     points.x[k] += centred(bits);
     points.y[k] += centred(bits >> 16);
   }

@@ -12,7 +12,6 @@
 #include "emseg/motion_evidence.hpp"
 #include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
-#include "emseg/window.hpp"
 
 namespace emseg {
 namespace {
@@ -175,7 +174,6 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
     }
     if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
   }
-  window_options_.max_speed = options_.bounds.speed;
   plane_ = image_plane(size_, undistortion_ ? &*undistortion_ : nullptr);
 }
 
@@ -269,36 +267,15 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   result.energy = alternation.energy();
   result.energy_trace = alternation.trace();
   result.reference_sharpness = alternation.reference();
-  const double longest = static_cast<double>(window_options_.max_duration_us);
-  const double duration_us = std::min(1e6 * seconds_between(events.t.front(), events.t.back()), longest);
-  result.next_duration_us = next_duration(std::llround(duration_us),
-                                          typical_displacement(all_points.view(), result), window_options_);
   clock.lap("extension");
   result.thinned = n - sampled.size();
   return result;
 }
 
-std::size_t Segmenter::window_end(const EventView& events, std::size_t begin, std::int64_t duration_us) {
-  if (begin >= events.size()) {
-    throw std::invalid_argument("a window begins with event " + std::to_string(begin) + " of " +
-                                std::to_string(events.size()));
-  }
-  if (events.x.size() != events.size() || events.y.size() != events.size() ||
-      events.p.size() != events.size()) {
-    check_events(events, size_);  // which says so
-  }
-  if (duration_us <= 0) {
-    const std::lock_guard turn(turn_);
-    duration_us = judge_duration(events, begin, size_, window_options_, pool_);
-  }
-  return std::clamp(emseg::window_end(events.t, begin, duration_us), begin + 1,
-                    begin + window_options_.max_events);
-}
-
 // Events as motions see them: undistorted, scattered over their pixels, with the signs of their polarities.
 Points Segmenter::points_of(const EventView& events, std::int64_t t_ref) const {
   Points points = make_points(events, t_ref, undistortion_ ? &*undistortion_ : nullptr);
-  if (options_.footprint == Footprint::scattered) scatter_over_pixels(events, points);
+  if (options_.footprint == Footprint::scattered) scatter_over_pixels(events, t_ref, points);
   if (options_.polarity == Polarity::opposed) {
     points.sign.reserve(events.size());
     for (const std::uint8_t positive : events.p) points.sign.push_back(positive != 0 ? 1.0f : -1.0f);
@@ -319,29 +296,6 @@ std::vector<double> Segmenter::motion_losses(const EventView& events, std::int64
   Points some;
   for (const std::size_t k : sampled) some.push_back(all.view(), k);
   return sharpness_losses(some.view(), own, other, offsets, window, frame_, canvas_of(plane_));
-}
-
-double Segmenter::typical_displacement(const PointView& points, const Segmentation& result) const {
-  // Of some thousand events, each along its label's motion, over the window.
-  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
-  std::vector<double> lengths;
-  const auto duration = static_cast<float>(std::max(window, 1e-6));
-  for (const std::size_t k : even_sample(points.size(), 4096)) {
-    if (result.labels[k] < 0) continue;
-    const MotionModel& motion = result.models[static_cast<std::size_t>(result.labels[k])];
-    std::visit(
-        [&](const auto& model) {
-          const typename std::decay_t<decltype(model)>::Warp warp(model, frame_);
-          const Vec2f to = warp(points.x[k], points.y[k], duration);
-          const double length = std::hypot(to.x - points.x[k], to.y - points.y[k]);
-          if (std::isfinite(length)) lengths.push_back(length);
-        },
-        motion);
-  }
-  if (lengths.empty()) return 0;
-  const auto rank = static_cast<std::ptrdiff_t>(0.5 * static_cast<double>(lengths.size() - 1));
-  std::nth_element(lengths.begin(), lengths.begin() + rank, lengths.end());
-  return lengths[static_cast<std::size_t>(rank)];
 }
 
 }  // namespace emseg

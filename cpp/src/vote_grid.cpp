@@ -60,6 +60,20 @@ void VoteGrid::take_row(int y, float* to) {
   }
 }
 
+float* VoteGrid::cells_without_border(LineFloats& memory) const {
+  memory.resize(std::max(memory.size(), lead + cell_count()));
+  float* const cells = memory.data() + lead;
+  const auto next = static_cast<std::size_t>(stride_);
+  const auto height = static_cast<std::size_t>(region_.height);
+  std::fill_n(cells, next, 0.0f);
+  for (std::size_t row = 1; row <= height; ++row) {
+    float* const right = cells + row * next + static_cast<std::size_t>(region_.width) + 1;
+    cells[row * next] = right[0] = right[1] = 0;
+  }
+  std::fill_n(cells + (height + 1) * next, 2 * next, 0.0f);
+  return cells;
+}
+
 void VoteGrid::forget_votes() {
   min_column_ = min_row_ = std::numeric_limits<int>::max();
   max_column_ = max_row_ = -1;

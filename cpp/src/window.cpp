@@ -45,13 +45,4 @@ std::vector<Window> windows_by_duration(std::span<const std::int64_t> t, std::in
   return windows;
 }
 
-std::size_t window_end(std::span<const std::int64_t> t, std::size_t begin, std::int64_t duration_us) {
-  const auto start = static_cast<std::uint64_t>(t[begin]);
-  const auto end =
-      std::partition_point(t.begin() + static_cast<std::ptrdiff_t>(begin), t.end(), [&](std::int64_t time) {
-        return static_cast<std::uint64_t>(time) - start < static_cast<std::uint64_t>(duration_us);
-      });
-  return static_cast<std::size_t>(end - t.begin());
-}
-
 }  // namespace emseg

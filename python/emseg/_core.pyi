@@ -47,8 +47,6 @@ __all__: list[str] = [
     "inner_box",
     "iwe",
     "labeling_energy",
-    "largest_window",
-    "longest_window_us",
     "max_flow",
     "outer_box",
     "positions_of_values",
@@ -404,8 +402,6 @@ class Segmentation:
     @property
     def models(self) -> list[tuple[str, list[float]]]: ...
     @property
-    def next_duration_us(self) -> int: ...
-    @property
     def reference_sharpness(self) -> float: ...
     @property
     def t_ref(self) -> int: ...
@@ -458,18 +454,6 @@ class Segmenter:
     ) -> Segmentation:
         """
         Segment one window.  Models are (kind, parameters); an empty pool is searched for.
-        """
-    def window_end(
-        self,
-        x: numpy.typing.NDArray[numpy.uint16],
-        y: numpy.typing.NDArray[numpy.uint16],
-        t: numpy.typing.NDArray[numpy.int64],
-        p: numpy.typing.NDArray[numpy.uint8],
-        begin: typing.SupportsInt | typing.SupportsIndex,
-        duration_us: typing.SupportsInt | typing.SupportsIndex,
-    ) -> int:
-        """
-        One past the last event of a window of this duration; 0 is judged from the events.
         """
 
 class TextureKind:
@@ -1115,6 +1099,4 @@ def winners_of_tiles(
     Which group has most events in each tile, int32 (rows, columns); -1 where none has more than two.
     """
 
-largest_window: int = 500000
-longest_window_us: int = 200000
 version: str = "0.1.0"

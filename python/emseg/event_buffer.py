@@ -72,6 +72,14 @@ class EventBuffer:
         edge = int(ahead.t[0]) - past + duration_us
         return len(ahead) if edge > int(ahead.t[-1]) else int(np.searchsorted(ahead.t, edge))
 
+    def count_within(self, duration_us: int, *, most: int) -> int:
+        """How many events come within a duration, µs, of the next one; no more than `most`."""
+        ahead = self.look_ahead(count=most, duration_us=duration_us)[:most]
+        if not len(ahead):
+            return 0
+        edge = int(ahead.t[0]) + duration_us
+        return len(ahead) if edge > int(ahead.t[-1]) else int(np.searchsorted(ahead.t, edge))
+
     def take(self, count: int) -> EventArray:
         """The next `count` events, of those that were seen ahead; the buffer has them no longer."""
         front, self._held = self._held[:count], self._held[count:]

@@ -31,6 +31,7 @@ __all__ = [
     "LossFunction",
     "Part",
     "Perceptron",
+    "ambiguity",
     "appearance",
     "choose_background",
     "find_parts",
@@ -42,6 +43,7 @@ MIN_EVENTS: Final = 30
 """Of a part: what is smaller is not learnt from."""
 
 _SURELY_STILL: Final = -1.0  # logit
+_AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
@@ -152,23 +154,29 @@ class Window:
         return _core.image_velocities(*model.native(), self._frame, places) * self.duration
 
 
-def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
+def still_motion(
+    parts: Sequence[Part], window: Window, ambiguous: Sequence[float] | Features
+) -> MotionModel:
     """One planar motion for all of several parts that stand still, each weighing by its area.
 
     A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the
     image's coordinates.  They are fitted to the displacements of the parts at their tiles by least squares
-    with Cauchy weights.
+    with Cauchy weights.  Of a part whose motion is `ambiguous` (0 to 1), what lies along that motion counts
+    less.
     """
     events = window.events
-    places, flows, weights = [], [], []
-    for part in parts:
+    places, flows, weights, ways = [], [], [], []
+    for part, doubt in zip(parts, ambiguous, strict=True):
         y, x = np.nonzero(part.tiles)
         at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
         at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
         places.append(at)
         flows.append(window.displacements(part.model, at))
+        way = window.displacement(part.model, *part.centre)
+        way = way / max(1e-6, float(np.linalg.norm(way)))
+        ways.append(np.tile(np.eye(2) - 0.99 * doubt * np.outer(way, way), (len(at), 1, 1)))
         weights.append(np.full(len(at), (part.area + 1e-3) / len(at)))
-    flow, weight = np.concatenate(flows), np.concatenate(weights)
+    flow, weight, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
     r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
     f0 = max(events.width, events.height)
     one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
@@ -176,17 +184,19 @@ def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
         [
             np.column_stack([one, zero, x, y, zero, zero, x * x / f0, x * y / f0]),
             np.column_stack([zero, one, zero, zero, x, y, x * y / f0, y * y / f0]),
-        ]
+        ],
+        axis=1,
     )
+    terms, flow = way @ terms, (way @ flow[..., None])[..., 0]  # (n, 2, 8) and (n, 2)
     # What few tiles leave open stays near no shear and no perspective.
     calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
     robust = np.ones(len(r))
     for _ in range(4):
         scale = np.sqrt(weight / weight.sum() * robust)
-        rows = np.concatenate([terms[0] * scale[:, None], terms[1] * scale[:, None], calm])
-        values = np.concatenate([flow[:, 0] * scale, flow[:, 1] * scale, np.zeros(8)])
+        rows = np.concatenate([(terms * scale[:, None, None]).reshape(-1, 8), calm])
+        values = np.concatenate([(flow * scale[:, None]).ravel(), np.zeros(8)])
         fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
-        error = np.linalg.norm((terms @ fitted).T - flow, axis=1)
+        error = np.linalg.norm(terms @ fitted - flow, axis=1)
         robust = 1 / (1 + (error / 2) ** 2)
     return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
 
@@ -208,6 +218,8 @@ def appearance(part: Part, window: Window) -> Features:
     # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
     went = _core.share_gone(events.x, events.y, events.t, part.own, *along)
     density = len(part.own) / max(1.0, float(part.tiles.sum()) * _TILE**2)
+    across = min(2.0, float(np.abs(along).min()))
+    beyond = _beyond(part, events, along) if speed > 5 else 0.0
     return np.array(
         [
             math.log(part.area + 0.002),
@@ -222,9 +234,31 @@ def appearance(part: Part, window: Window) -> Features:
             (1 - went) * min(speed, 30.0) / 10,
             math.log(density + 0.01),
             len(part.own) / len(events),
+            across,
+            (1 - went) * (2 - across) * min(speed, 20.0) / 10,
+            beyond,
         ],
         dtype=np.float64,
     )
+
+
+def _beyond(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
+    own = _some_events(events, part, 4000)
+    distance = float(np.linalg.norm(along))
+    e = along / distance
+    across = np.array([-e[1], e[0]])
+    pad, sign = 4, np.where(own.p > 0, 1.0, -1.0)
+    image = np.zeros((events.height + 2 * pad, events.width + 2 * pad))
+    np.add.at(image, (own.y + pad, own.x + pad), sign)
+
+    def seen(lag: float, aside: float) -> float:
+        x = np.rint(own.x + lag * e[0] + aside * across[0]).astype(int) + pad
+        y = np.rint(own.y + lag * e[1] + aside * across[1]).astype(int) + pad
+        x, y = np.clip(x, 0, image.shape[1] - 1), np.clip(y, 0, image.shape[0] - 1)
+        return float((sign * image[y, x]).mean())
+
+    lags = [way * (far * distance + 2.5) for way in (-1, 1) for far in (1.3, 1.6, 2.0)]
+    return float(np.mean([max(seen(lag, aside) for aside in (-3, -2, -1, 0, 1, 2, 3)) for lag in lags]))
 
 
 def motion_against(
@@ -306,14 +340,30 @@ def _perceptron(weights: dict[str, Any]) -> Perceptron:
     return Perceptron(**{name: np.array(v, dtype=np.float64) for name, v in weights.items()}, level=level)
 
 
-def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
-    """The part that is largest and surest to stand still by appearance; None where none is likely to."""
-    best: tuple[float, Part | None] = (0.0, None)
-    for part, logit in zip(parts, logits, strict=True):
-        still = 1 / (1 + np.exp(np.clip(logit, -50, 50)))
-        if part.area >= _LARGE and still >= 0.25 and part.area**0.5 * still > best[0]:
-            best = part.area**0.5 * still, part
-    return best[1]
+def choose_background(areas: Sequence[float], own: Features, logits: Features) -> int | None:
+    """Which part is largest and surest to stand still by appearance; None where none is likely to.
+
+    Args:
+        areas: Of the parts.
+        own: Their appearance, (n, features).
+        logits: That they move, (n,).
+    """
+    still = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
+    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own))
+    score[(np.array(areas) < _LARGE) | (still < 0.25)] = 0
+    return int(score.argmax()) if len(score) and score.max() > 0 else None
+
+
+def ambiguity(own: Features) -> Features:
+    """How far the motions of parts are doubtful, 0 to 1, (n,), by their appearance (n, features).
+
+    A straight edge near a column or a row of pixels passes one pixel of it after the other.  That is sharp by
+    a fast motion along the edge, whatever the true one: nothing goes anywhere by it.
+    """
+    speed, went, across = own[:, 7] * 10, own[:, 8], own[:, 12]
+    sure = [np.clip((0.6 - went) / 0.3, 0, 1), np.clip((speed - 5) / 5, 0, 1), np.clip(1.5 - across, 0, 1)]
+    doubt: Features = np.prod(sure, axis=0)
+    return doubt
 
 
 def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
@@ -326,14 +376,15 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
         return np.empty(0), None, STILL
     by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
-    background = choose_background(parts, by_appearance(own))
-    if background is None:
+    chosen = choose_background([part.area for part in parts], own, by_appearance(own))
+    if chosen is None:
         against = np.array([motion_against(part, None, window) for part in parts])
         return by_part(np.hstack([own, against])), None, STILL
+    background = parts[chosen]
     against = np.array([motion_against(part, background, window) for part in parts])
     logits = by_part(np.hstack([own, against])) - _doubt(own)
-    still = [p for p, logit in zip(parts, logits, strict=True) if logit < _SURELY_STILL or p is background]
-    reference = still_motion(still, window)
+    still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
+    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]))
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     return by_scene(np.hstack([own, against])) - _doubt(own), background, reference
 

@@ -22,7 +22,7 @@ from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
 from emseg.motion import MotionModel, iwe, warp
 from emseg.tracking import BOX_DTYPE, Objects, Tracker, bounding_box
-from emseg.window_length import FIRST_TRIAL_US, next_duration
+from emseg.window_length import FIRST_TRIAL_US, MOST_EVENTS, next_duration
 
 __all__ = ["Segmentation", "Segmenter", "segment"]
 
@@ -90,7 +90,6 @@ class Segmentation:
         energy_trace: Energy after every step of the alternation; it never rises.
         reference_sharpness: Sharpness that the data term calls free of cost.
         timings: Wall-clock seconds per stage.
-        next_duration: Duration, µs, that the next window should have by the motion found in this one.
         thinned: Events left out when motions and labels were found; they follow the labels of the others near
             them (see Config.max_events_per_window).
         start: First event of the window in the recording.
@@ -110,7 +109,6 @@ class Segmentation:
         reference_sharpness: float,
         timings: dict[str, float],
         t_ref: int,
-        next_duration: int,
         thinned: int = 0,
         start: int = 0,
         camera: Camera | None = None,
@@ -125,7 +123,6 @@ class Segmentation:
         self.reference_sharpness = reference_sharpness
         self.timings = timings
         self.t_ref = t_ref
-        self.next_duration = next_duration
         self.thinned = thinned
         self.start = start
         self.stop = start + len(events)
@@ -349,20 +346,9 @@ class Segmenter:
             reference_sharpness=found.reference_sharpness,
             timings=dict(found.timings),
             t_ref=found.t_ref,
-            next_duration=found.next_duration_us,
             thinned=found.thinned,
             camera=self.camera,
         )
-
-    def windows(self, events: EventArray) -> Iterator[tuple[int, int]]:
-        """The windows that `run` takes when nothing is known yet, as half-open index intervals.
-
-        By count or by duration where the config says so; adaptive otherwise (see `run`).
-        """
-        buffer = EventBuffer(events, width=events.width, height=events.height)
-        while size := self.window_size(buffer):
-            buffer.take(size)
-            yield buffer.taken - size, buffer.taken
 
     def run(self, events: EventArray | Iterable[EventArray]) -> Iterator[Segmentation]:
         """Segment a recording: windows in order, each starting from what the last one found.
@@ -436,20 +422,14 @@ class Segmenter:
 
         Args:
             buffer: What is to come; it is looked ahead into.
-            duration_us: How long an adaptive window is to last, µs, by the motion found before; None: it is
-                judged from the events to come.
+            duration_us: How long a window is to last, µs, where the config does not say.
         """
         if self.config.num_events_per_image is not None:
             count = self.config.num_events_per_image
             return min(count, len(buffer.look_ahead(count=count)))
         if self.config.window_duration is not None:
             return buffer.count_to_multiple(max(1, round(self.config.window_duration * 1e6)))
-        ahead = buffer.look_ahead(
-            count=_core.largest_window, duration_us=duration_us or _core.longest_window_us
-        )
-        if not len(ahead):
-            return 0
-        return self._engine.window_end(ahead.x, ahead.y, ahead.t, ahead.p, 0, duration_us or 0)
+        return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
 
 
 def segment(

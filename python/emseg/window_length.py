@@ -6,13 +6,15 @@ from typing import Final
 
 import numpy as np
 
-from emseg import _core
 from emseg.tracking import Objects
 
-__all__ = ["FIRST_TRIAL_US", "next_duration"]
+__all__ = ["FIRST_TRIAL_US", "MOST_EVENTS", "next_duration"]
 
 FIRST_TRIAL_US: Final = 60_000
 """Duration that the first window of a recording is tried with."""
+
+MOST_EVENTS: Final = 500_000
+"""Of a window, however long it is to last: what is in memory at a time."""
 
 # px that objects shall move against the background: enough to be told from it, and uniform
 _APART: Final = 10.0
@@ -46,4 +48,4 @@ def next_duration(duration_us: int, found: Objects) -> int:
         factor = max(1.0, factor)
     wanted = duration_us * float(np.clip(min(factor, _ALONG_MOST / along), 0.5, 2.0))
     shortest = _SHORTEST_US if along > _ALONG_MOST / 2 else _CALM_US
-    return round(float(np.clip(wanted, shortest, min(_LONGEST_US, _core.longest_window_us))))
+    return round(float(np.clip(wanted, shortest, _LONGEST_US)))

@@ -227,6 +227,38 @@ TEST_CASE("the largest magnitude is that of either sign") {
   }
 }
 
+TEST_CASE("a range is widened to hold all elements but undefined ones") {
+  std::mt19937 random(9);
+  for (const SimdLevel level : simd_levels()) {
+    for (const std::size_t n : sizes) {
+      Floats values = random_floats(random, n, -2, 1);
+      float low = -0.5f, high = 0.25f;  // what it held before
+      for (const float value : values) low = std::min(low, value), high = std::max(high, value);
+      values.insert(values.begin() + static_cast<std::ptrdiff_t>(n / 2), std::nanf(""));
+      float found_low = -0.5f, found_high = 0.25f;
+      kernels_at(level).widen(values.data(), values.size(), &found_low, &found_high);
+      CHECK(found_low == low);
+      CHECK(found_high == high);
+    }
+  }
+}
+
+TEST_CASE("sums of minima are those of the smaller elements") {
+  std::mt19937 random(10);
+  for (const SimdLevel level : simd_levels()) {
+    for (const std::size_t n : sizes) {
+      std::vector<std::int32_t> a(n), b(n);
+      std::int32_t sum = 0;
+      for (std::size_t k = 0; k < n; ++k) {
+        a[k] = static_cast<std::int32_t>(random() % 100'000);
+        b[k] = k % 5 == 0 ? INT32_MAX : static_cast<std::int32_t>(random() % 100'000);
+        sum += std::min(a[k], b[k]);
+      }
+      CHECK(kernels_at(level).sum_of_minima(a.data(), b.data(), n) == sum);
+    }
+  }
+}
+
 TEST_CASE("filters and sums have the same bits on every level") {
   std::mt19937 random(3);
   for (const int radius : {0, 1, 2, 4, 7, 8, 9, 20}) {

@@ -79,3 +79,9 @@ TEST_CASE("no number of threads below none or beyond reason; none asked for take
   CHECK_THROWS_AS(ThreadPool(1025), std::invalid_argument);
   CHECK(ThreadPool(0).worker_count() >= 1);
 }
+
+TEST_CASE("tasks are put in order, the largest first, equal ones as they come") {
+  CHECK(largest_first({}).empty());
+  const std::vector<std::size_t> sizes{3, 0, 7, 3, 7, 1};
+  CHECK(largest_first(sizes) == std::vector<std::size_t>{2, 4, 0, 3, 5, 1});
+}

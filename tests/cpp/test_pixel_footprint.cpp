@@ -26,9 +26,9 @@ EventColumns random_events(std::uint32_t seed, int count) {
   return events;
 }
 
-Points scattered(const EventColumns& events) {
-  Points points = make_points(events.view(), 0);
-  scatter_over_pixels(events.view(), points);
+Points scattered(const EventColumns& events, std::int64_t t_ref = 0) {
+  Points points = make_points(events.view(), t_ref);
+  scatter_over_pixels(events.view(), t_ref, points);
   return points;
 }
 
@@ -87,15 +87,23 @@ TEST_CASE("places are uniform over the pixel: over events anywhere, along a row,
   check_uniform(moments_of(one_time), n);
 }
 
-TEST_CASE("an event goes the same way in whatever window it comes") {
+TEST_CASE("an event goes the same way in whatever part of a window it comes, and by any clock") {
   const EventColumns events = random_events(3, 1000);
   const Points all = scattered(events);
   CHECK(scattered(events).x == all.x);
-  Points part = make_points(events.view().slice(300, 700), 77);
-  scatter_over_pixels(events.view().slice(300, 700), part);
+  Points part = make_points(events.view().slice(300, 700), 0);
+  scatter_over_pixels(events.view().slice(300, 700), 0, part);
   for (std::size_t k = 0; k < part.size(); ++k) {
     REQUIRE(part.x[k] == all.x[300 + k]);
     REQUIRE(part.y[k] == all.y[300 + k]);
+  }
+  for (const std::int64_t shift : {std::int64_t{1}, std::int64_t{-12'345}, INT64_MAX - 1'000'000}) {
+    EventColumns shifted = events;
+    for (std::int64_t& t : shifted.t) t += shift;
+    const Points there = scattered(shifted, shift);
+    CHECK(there.x == all.x);
+    CHECK(there.y == all.y);
+    CHECK(scattered(shifted, 0).x != all.x);
   }
 }
 
@@ -111,6 +119,6 @@ TEST_CASE("events go ways of their own") {
   // Of 2^32 ways, some of which floats round to one.
   CHECK(ways.size() > events.size() - 10);
   Points none;
-  scatter_over_pixels({}, none);
+  scatter_over_pixels({}, 0, none);
   CHECK(none.size() == 0);
 }

@@ -134,38 +134,3 @@ TEST_CASE("what does not fit is refused by name") {
           segmented(two_motions(), {}, prior);
         }).find("parameter 5 of the affine is not finite") == 0);
 }
-
-TEST_CASE("the end of a window: by duration, by what the motion asks for, at least one event") {
-  Segmenter segmenter(sensor, std::nullopt, {});
-  EventColumns events;
-  for (const std::int64_t t : {0, 10, 20, 20, 30}) events.add(1, 1, t);
-  const EventView view = events.view();
-  CHECK(segmenter.window_end(view, 0, 20) == 2);
-  CHECK(segmenter.window_end(view, 0, 21) == 4);
-  CHECK(segmenter.window_end(view, 1, 1) == 2);
-  CHECK(segmenter.window_end(view, 2, 10) == 4);
-  CHECK(segmenter.window_end(view, 0, latest) == 5);
-  CHECK(segmenter.window_end(view, 4, latest) == 5);
-  CHECK(segmenter.window_end(view, 0, 0) == 5);  // too few to judge: the longest
-  CHECK_THROWS_AS(segmenter.window_end(view, 5, 10), std::invalid_argument);
-  EventColumns ends;
-  ends.add(0, 0, earliest);
-  ends.add(0, 0, latest - 5);
-  ends.add(0, 0, latest);
-  ends.add(0, 0, latest);
-  CHECK(segmenter.window_end(ends.view(), 0, latest) == 1);
-  CHECK(segmenter.window_end(ends.view(), 1, 100) == 4);
-  CHECK(segmenter.window_end(ends.view(), 1, 5) == 2);
-  CHECK(segmenter.window_end(ends.view(), 2, 0) == 4);
-
-  const EventColumns& moving = two_motions();
-  const std::size_t end = segmenter.window_end(moving.view(), 0, 0);
-  CHECK(end > moving.size() / 2);
-
-  EventColumns outside = moving;
-  outside.x[10] = 60'000;
-  CHECK_THROWS_AS(segmenter.window_end(outside.view(), 0, 0), std::invalid_argument);
-  outside = moving;
-  outside.y.pop_back();
-  CHECK_THROWS_AS(segmenter.window_end(outside.view(), 0, 0), std::invalid_argument);
-}

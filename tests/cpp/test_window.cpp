@@ -41,13 +41,3 @@ TEST_CASE("windows by duration refuse what is no duration or not in order") {
   CHECK_THROWS_AS(windows_by_duration(t, -1), std::invalid_argument);
   CHECK_THROWS_AS(windows_by_duration(t, 10), std::invalid_argument);
 }
-
-TEST_CASE("the end of a window by duration, for all times") {
-  const std::vector<std::int64_t> t{earliest, -5, 0, 0, 7, latest - 1, latest};
-  CHECK(window_end(t, 0, latest) == 2);  // up to -1
-  CHECK(window_end(t, 1, 5) == 2);
-  CHECK(window_end(t, 1, 6) == 4);
-  CHECK(window_end(t, 2, latest) == 6);
-  CHECK(window_end(t, 5, 1) == 6);
-  CHECK(window_end(t, 6, latest) == 7);
-}

@@ -69,6 +69,20 @@ def test_windows_by_duration_are_those_of_the_core(times: list[int], at: list[in
     assert found == emseg._core.windows_by_duration(events.t, duration).tolist()
 
 
+@given(TIMES, st.lists(st.integers(0, 30), max_size=8), st.integers(1, 60), st.integers(1, 12))
+def test_what_comes_within_a_duration_is_counted(
+    times: list[int], at: list[int], duration: int, most: int
+) -> None:
+    events = events_at(times)
+    buffer = buffer_of(cut(events, at))
+    while buffer.taken < len(events):
+        rest = [int(t) - int(events.t[buffer.taken]) for t in events.t[buffer.taken :]]
+        count = buffer.count_within(duration, most=most)
+        assert count == min(most, sum(since < duration for since in rest))
+        buffer.take(count)
+    assert buffer.count_within(duration, most=most) == 0
+
+
 def test_no_more_is_held_than_asked_for() -> None:
     drawn = 0
 

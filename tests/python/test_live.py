@@ -230,7 +230,7 @@ def test_a_slow_machine_thins_and_stays_no_more_than_a_window_behind(monkeypatch
             "timings": {},
         }
         labels = np.zeros(len(window), np.int32)
-        return Segmentation(window, labels, models, t_ref=t_ref, next_duration=30_000, **nothing), seconds
+        return Segmentation(window, labels, models, t_ref=t_ref, **nothing), seconds
 
     monkeypatch.setattr(live_segmenter, "_timed_segment", segment)
     config = emseg.Config(threads=2, window_duration=0.02)

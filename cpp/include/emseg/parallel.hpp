@@ -6,10 +6,14 @@
 #include <exception>
 #include <functional>
 #include <mutex>
+#include <span>
 #include <thread>
 #include <vector>
 
 namespace emseg {
+
+// Tasks of these sizes, the largest first: begun in this order, none is left for a single worker in the end.
+std::vector<std::size_t> largest_first(std::span<const std::size_t> sizes);
 
 // Runs tasks 0..n-1, each exactly once.  Results do not depend on the number of workers as long as each task
 // writes only what belongs to it: tasks are fixed by the caller, and merging them in order is the caller's

@@ -10,7 +10,8 @@ namespace emseg {
 //
 // Pixels sample edges at whole numbers, and that makes structure of its own: motions under which whole
 // numbers meet whole numbers, standing still among them, give sharper images than the true one.  Scattered,
-// all motions are blurred by as much.  The scatter is a hash of the event.
-void scatter_over_pixels(const EventView& events, Points& points);
+// all motions are blurred by as much.  The scatter is a hash of the event's pixel and time since t_ref (us):
+// what a clock counts from plays no part.
+void scatter_over_pixels(const EventView& events, std::int64_t t_ref, Points& points);
 
 }  // namespace emseg

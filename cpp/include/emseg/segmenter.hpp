@@ -5,7 +5,6 @@
 #include <optional>
 #include <vector>
 
-#include "emseg/adaptive_window.hpp"
 #include "emseg/alternation.hpp"
 #include "emseg/camera.hpp"
 #include "emseg/model_pool.hpp"
@@ -74,9 +73,7 @@ struct Segmentation {
   std::int64_t energy = 0;           // of the labels before noise was marked
   std::vector<std::int64_t> energy_trace;
   double reference_sharpness = 0;  // G_ref of the data term, fixed for the window
-  std::int64_t next_duration_us =
-      0;                    // that a window after this one should have, by the motion found in this one
-  std::size_t thinned = 0;  // events that were not among those that motions and labels were found on
+  std::size_t thinned = 0;         // events that were not among those that motions and labels were found on
   StageTimes timings;
 };
 
@@ -97,11 +94,6 @@ class Segmenter {
   // Throws std::invalid_argument where the events are not valid (see check_events) or the prior does not fit.
   Segmentation segment(const EventView& events, const WindowPrior& prior = {});
 
-  // One past the last event of a window of this duration from event `begin` on; a duration of 0 is judged
-  // from the events.  Throws std::invalid_argument where `begin` is not an event, or one that is looked at is
-  // not valid.
-  std::size_t window_end(const EventView& events, std::size_t begin, std::int64_t duration_us);
-
   // See sharpness_losses; of a thousand events at the most, evenly in time.  Throws std::invalid_argument
   // where events, motions or the window's duration (s) are not valid.
   std::vector<double> motion_losses(const EventView& events, std::int64_t t_ref, double window,
@@ -113,14 +105,12 @@ class Segmenter {
 
  private:
   Points points_of(const EventView& events, std::int64_t t_ref) const;
-  double typical_displacement(const PointView& points, const Segmentation& result) const;
 
   ImageSize size_;
   std::optional<UndistortionTable> undistortion_;
   Region plane_;  // of the undistorted pixels
   WarpFrame frame_;
   SegmenterOptions options_;
-  AdaptiveWindowOptions window_options_;
   ThreadPool pool_;
   ExpansionWorkspace expansion_workspace_;
   std::mutex turn_;  // of the caller whose window is being worked on

@@ -53,6 +53,9 @@ class VoteGrid {
   }
   // Cells before the first, so that the pixels of a row begin at a cache line.
   static constexpr std::size_t lead = line_floats - 1;
+  // The first cell of an image of the grid's, in `memory`, whose border is zero. What else places of votes
+  // refer to lies in voted() and is yet to be written.
+  float* cells_without_border(LineFloats& memory) const;
   // Of a pixel counted from the region's first.
   std::size_t cell_of(int x, int y) const {
     return static_cast<std::size_t>(y + 1) * static_cast<std::size_t>(stride()) +

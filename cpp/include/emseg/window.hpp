@@ -25,7 +25,4 @@ std::vector<Window> windows_by_count(std::size_t event_count, std::size_t count)
 // Throws std::invalid_argument where the duration is not positive or times decrease.
 std::vector<Window> windows_by_duration(std::span<const std::int64_t> t, std::int64_t duration_us);
 
-// The first event that is not in [t[begin], t[begin] + duration_us): one past the last of that window.
-std::size_t window_end(std::span<const std::int64_t> t, std::size_t begin, std::int64_t duration_us);
-
 }  // namespace emseg

@@ -1,4 +1,4 @@
-// Images of whole votes.
+// Images of whole votes, and sums of what they cost.
 #include "kernels/kernels.hpp"
 #include "kernels/vector.hpp"
 
@@ -16,6 +16,12 @@ void nearest_cells(const CellGrid& grid, const float* x, const float* y, std::si
     const auto row = static_cast<std::int32_t>(inside ? v : 0);
     cell[k] = inside ? (row + padding) * stride + column + padding : 0;
   }
+}
+
+std::int32_t sum_of_minima(const std::int32_t* a, const std::int32_t* b, std::size_t n) {
+  std::int32_t sum = 0;
+  for (std::size_t k = 0; k < n; ++k) sum += a[k] < b[k] ? a[k] : b[k];
+  return sum;
 }
 
 void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,

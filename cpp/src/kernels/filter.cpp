@@ -185,4 +185,22 @@ float largest_magnitude(const float* values, std::size_t n) {
   return result;
 }
 
+void widen(const float* values, std::size_t n, float* low, float* high) {
+  Floats lowest = Floats{} + *low, highest = Floats{} + *high;
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const Floats value = load(values + k);
+    lowest = value < lowest ? value : lowest;
+    highest = value > highest ? value : highest;
+  }
+  for (std::size_t i = 0; i < lanes; ++i) {
+    *low = lowest[i] < *low ? lowest[i] : *low;
+    *high = highest[i] > *high ? highest[i] : *high;
+  }
+  for (; k < n; ++k) {
+    *low = values[k] < *low ? values[k] : *low;
+    *high = values[k] > *high ? values[k] : *high;
+  }
+}
+
 }  // namespace emseg::EMSEG_SIMD_LEVEL

@@ -83,6 +83,9 @@ struct KernelTable {
   void (*nearest_cells)(const CellGrid& grid, const float* x, const float* y, std::size_t n,
                         std::int32_t padding, std::int32_t* cell);
 
+  // The smaller of the elements of either, added up; it fits 32 bits.
+  std::int32_t (*sum_of_minima)(const std::int32_t* a, const std::int32_t* b, std::size_t n);
+
   // The passes of a binomial filter, weights 1 4 6 4 1, over counts of -127 to 127, negative ones as their
   // complements: down five rows about `centre`, and along a row of such sums, divided by 16 and rounded to
   // zero.
@@ -100,6 +103,8 @@ struct KernelTable {
   void (*subtract_scaled)(float* row, const float* profile, float scale, std::size_t n);
   // The largest of the elements' magnitudes, 0 of none.
   float (*largest_magnitude)(const float* values, std::size_t n);
+  // Widens low .. high to hold the elements; undefined ones do not count.
+  void (*widen)(const float* values, std::size_t n, float* low, float* high);
   void (*natural_log)(const float* values, std::size_t n, float* logs);
 };
 

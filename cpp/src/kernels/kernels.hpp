@@ -22,6 +22,7 @@ void filter_row(const float* row, std::size_t n, const float* taps, int radius, 
 void filter_rows(const float* const* rows, std::size_t n, const float* taps, int radius, float* filtered);
 void nearest_cells(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t padding,
                    std::int32_t* cell);
+std::int32_t sum_of_minima(const std::int32_t* a, const std::int32_t* b, std::size_t n);
 void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
                         std::uint16_t* smooth);
 void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);
@@ -30,6 +31,7 @@ void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int
 void add_sums(const float* row, std::size_t n, double* sum, double* square);
 void subtract_scaled(float* row, const float* profile, float scale, std::size_t n);
 float largest_magnitude(const float* values, std::size_t n);
+void widen(const float* values, std::size_t n, float* low, float* high);
 void natural_log(const float* values, std::size_t n, float* logs);
 
 }  // namespace emseg::EMSEG_SIMD_LEVEL

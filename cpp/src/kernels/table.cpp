@@ -14,12 +14,14 @@ const KernelTable table{
     .filter_row = filter_row,
     .filter_rows = filter_rows,
     .nearest_cells = nearest_cells,
+    .sum_of_minima = sum_of_minima,
     .smooth_counts_down = smooth_counts_down,
     .smooth_counts_across = smooth_counts_across,
     .add_patches = add_patches,
     .add_sums = add_sums,
     .subtract_scaled = subtract_scaled,
     .largest_magnitude = largest_magnitude,
+    .widen = widen,
     .natural_log = natural_log,
 };
 
