@@ -112,6 +112,14 @@ def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], 
     ]
 
 
+def _some_events(events: EventArray, part: Part, most: int = 600) -> EventArray:
+    """Events of a part, evenly from its first to its last."""
+    own = part.own
+    if len(own) > most:
+        own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
+    return events[own]
+
+
 class Window:
     """What the features of a window's parts are taken from.
 
@@ -132,13 +140,10 @@ class Window:
         self._frame = warp_frame(events, camera)
         self._samples: dict[int, tuple[Part, EventArray]] = {}
 
-    def sample(self, part: Part, most: int = 600) -> EventArray:
-        """Some events of a part, evenly from its first to its last."""
+    def sample(self, part: Part) -> EventArray:
+        """Some of a part's events, which are looked at again and again."""
         if id(part) not in self._samples:
-            own = part.own
-            if len(own) > most:
-                own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
-            self._samples[id(part)] = part, self.events[own]
+            self._samples[id(part)] = part, _some_events(self.events, part)
         return self._samples[id(part)][1]
 
     def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
