@@ -248,7 +248,7 @@ def appearance(part: Part, window: Window) -> Features:
 
 
 def _beyond(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
-    """Events of its own sign that a part meets beyond where its motion brings it: an edge along itself does."""
+    """Events of its own sign that a part meets beyond where it goes: an edge along itself meets its own."""
     columns, (ahead, down) = (events.x, events.y, events.t, events.p), along.tolist()
     return _core.events_beyond(*columns, part.own, ahead, down, events.width, events.height)
 
