@@ -1,3 +1,4 @@
+#include "emseg/event_columns.hpp"
 #include "emseg/window.hpp"
 #include "numpy_views.hpp"
 

@@ -146,6 +146,19 @@ void bind_parts(py::module_& m) {
       "How far some events went, as a share of the displacement, px, that their motion says.");
 
   m.def(
+      "events_beyond",
+      [](const Array<std::uint16_t>& x, const Array<std::uint16_t>& y, const Array<std::int64_t>& t,
+         const Array<std::uint8_t>& p, const Indices& own, double along_x, double along_y, int width,
+         int height) {
+        EventView events = event_view(x, y, t);
+        events.p = view(p);
+        return events_beyond(events, view(own), {along_x, along_y}, {width, height});
+      },
+      py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("own"), py::arg("along_x"),
+      py::arg("along_y"), py::arg("width"), py::arg("height"),
+      "Events of its own sign that an event of a part meets where its motion would bring it if it went on.");
+
+  m.def(
       "image_velocity",
       [](const std::string& kind, const std::vector<double>& params, const WarpFrame& frame, double x,
          double y) {

@@ -218,4 +218,47 @@ double share_gone(const EventView& events, std::span<const std::int64_t> own, Ve
   return std::clamp(gone / ranks.size() / (length * 2 / 3), -0.5, 1.5);
 }
 
+double events_beyond(const EventView& events, std::span<const std::int64_t> own, Vec2d along,
+                     ImageSize sensor) {
+  constexpr std::size_t most = 4000;           // that are looked at
+  constexpr std::array shares{1.3, 1.6, 2.0};  // of the displacement
+  constexpr double gap = 2.5;                  // px further
+  constexpr int farthest_aside = 3;            // px
+  const double length = std::hypot(along.x, along.y);
+  if (own.empty() || !(length > 0)) return 0;
+  if (events.p.size() != events.size()) throw std::invalid_argument("events have no polarities");
+  const std::vector<std::size_t> sample = spread_sample(events, own, most);
+  // Off the sensor there is nothing to meet: one more pixel all around holds no events.
+  const int width = sensor.width + 2, height = sensor.height + 2;
+  std::vector<std::int32_t> sums(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0);
+  const auto cell = [&](double x, double y) {
+    const int column = static_cast<int>(std::clamp(std::nearbyint(x), -1.0, double(sensor.width))) + 1;
+    const int row = static_cast<int>(std::clamp(std::nearbyint(y), -1.0, double(sensor.height))) + 1;
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column);
+  };
+  const auto sign = [&](std::size_t k) { return events.p[k] > 0 ? 1 : -1; };
+  for (const std::size_t k : sample) {
+    if (events.x[k] >= sensor.width || events.y[k] >= sensor.height) throw_off_sensor(k);
+    sums[cell(events.x[k], events.y[k])] += sign(k);
+  }
+  const Vec2d ahead{along.x / length, along.y / length};
+  double met = 0;
+  for (const double way : {-1.0, 1.0}) {
+    for (const double share : shares) {
+      const double lag = way * (share * length + gap);
+      std::int64_t fullest = std::numeric_limits<std::int64_t>::min();
+      for (int aside = -farthest_aside; aside <= farthest_aside; ++aside) {
+        std::int64_t sum = 0;
+        for (const std::size_t k : sample) {
+          sum += sign(k) * sums[cell(events.x[k] + lag * ahead.x - aside * ahead.y,
+                                     events.y[k] + lag * ahead.y + aside * ahead.x)];
+        }
+        fullest = std::max(fullest, sum);
+      }
+      met += static_cast<double>(fullest) / static_cast<double>(sample.size());
+    }
+  }
+  return met / (2 * shares.size());
+}
+
 }  // namespace emseg

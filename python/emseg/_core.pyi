@@ -40,6 +40,7 @@ __all__: list[str] = [
     "delaunay_edges_cgal",
     "event_graph",
     "event_slices",
+    "events_beyond",
     "expansion",
     "fit_motion",
     "image_velocities",
@@ -844,6 +845,21 @@ def event_slices(
 ) -> numpy.typing.NDArray[numpy.uint8]:
     """
     Images of rises, mean time and falls around each time, uint8 (n, 3, height / shrink, width / shrink).
+    """
+
+def events_beyond(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    own: numpy.typing.NDArray[numpy.int64],
+    along_x: typing.SupportsFloat | typing.SupportsIndex,
+    along_y: typing.SupportsFloat | typing.SupportsIndex,
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+) -> float:
+    """
+    Events of its own sign that an event of a part meets where its motion would bring it if it went on.
     """
 
 @typing.overload

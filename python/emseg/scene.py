@@ -112,6 +112,14 @@ def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], 
     ]
 
 
+def _some_events(events: EventArray, part: Part, most: int = 600) -> EventArray:
+    """Events of a part, evenly from its first to its last."""
+    own = part.own
+    if len(own) > most:
+        own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
+    return events[own]
+
+
 class Window:
     """What the features of a window's parts are taken from.
 
@@ -132,13 +140,10 @@ class Window:
         self._frame = warp_frame(events, camera)
         self._samples: dict[int, tuple[Part, EventArray]] = {}
 
-    def sample(self, part: Part, most: int = 600) -> EventArray:
-        """Some events of a part, evenly from its first to its last."""
+    def sample(self, part: Part) -> EventArray:
+        """Some of a part's events, which are looked at again and again."""
         if id(part) not in self._samples:
-            own = part.own
-            if len(own) > most:
-                own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
-            self._samples[id(part)] = part, self.events[own]
+            self._samples[id(part)] = part, _some_events(self.events, part)
         return self._samples[id(part)][1]
 
     def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
@@ -243,22 +248,9 @@ def appearance(part: Part, window: Window) -> Features:
 
 
 def _beyond(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
-    own = events[part.own[np.linspace(0, len(part.own) - 1, min(len(part.own), 4000)).astype(np.intp)]]
-    distance = float(np.linalg.norm(along))
-    e = along / distance
-    across = np.array([-e[1], e[0]])
-    pad, sign = 4, np.where(own.p > 0, 1.0, -1.0)
-    image = np.zeros((events.height + 2 * pad, events.width + 2 * pad))
-    np.add.at(image, (own.y + pad, own.x + pad), sign)
-
-    def seen(lag: float, aside: float) -> float:
-        x = np.rint(own.x + lag * e[0] + aside * across[0]).astype(int) + pad
-        y = np.rint(own.y + lag * e[1] + aside * across[1]).astype(int) + pad
-        x, y = np.clip(x, 0, image.shape[1] - 1), np.clip(y, 0, image.shape[0] - 1)
-        return float((sign * image[y, x]).mean())
-
-    lags = [way * (far * distance + 2.5) for way in (-1, 1) for far in (1.3, 1.6, 2.0)]
-    return float(np.mean([max(seen(lag, aside) for aside in (-3, -2, -1, 0, 1, 2, 3)) for lag in lags]))
+    """Events of its own sign that a part meets beyond where it goes: an edge along itself meets its own."""
+    columns, (ahead, down) = (events.x, events.y, events.t, events.p), along.tolist()
+    return _core.events_beyond(*columns, part.own, ahead, down, events.width, events.height)
 
 
 def motion_against(

@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 #include <random>
+#include <stdexcept>
 
 #include "emseg/part_features.hpp"
 #include "emseg/warp_events.hpp"
@@ -168,18 +169,4 @@ TEST_CASE("some events are warped as all are, from undistorted pixels where ther
   for (const std::int64_t wrong : {-1, 50}) {
     CHECK_THROWS_AS(warp_events(events.view(), std::vector{wrong}, 0, model, frame), std::invalid_argument);
   }
-}
-
-TEST_CASE("events at rising positions are taken, counted from the end where negative") {
-  SomeEvents events = random_events(7, 10);
-  const std::vector<std::uint8_t> p{0, 1, 0, 1, 0, 1, 0, 1, 0, 1};
-  const EventView view{events.x, events.y, events.t, p};
-  const EventColumns taken = take_events(view, std::vector<std::int64_t>{1, 1, 4, -1});
-  CHECK(taken.t == std::vector<std::int64_t>{100, 100, 400, 900});
-  CHECK(taken.p == std::vector<std::uint8_t>{1, 1, 0, 1});
-  CHECK(taken.x[2] == events.x[4]);
-  CHECK(taken.y[3] == events.y[9]);
-  CHECK_THROWS_AS(take_events(view, std::vector<std::int64_t>{10}), std::out_of_range);
-  CHECK_THROWS_AS(take_events(view, std::vector<std::int64_t>{-11}), std::out_of_range);
-  CHECK_THROWS_AS(take_events(view, std::vector<std::int64_t>{4, 3}), std::invalid_argument);
 }

@@ -215,6 +215,37 @@ def test_what_goes_with_its_motion_has_gone_all_of_it_and_what_stays_nothing() -
         assert gone == pytest.approx(share, abs=0.1)
 
 
+def numpy_beyond(events: EventArray, own: np.ndarray, along: np.ndarray) -> float:
+    """By looking up every event, moved on and aside, in the image of the sums of all their signs."""
+    own = own[np.linspace(0, len(own) - 1, min(len(own), 4000)).astype(int)]
+    far, signs = 100, 2.0 * events.p[own] - 1
+    image = np.zeros((HEIGHT + 2 * far, WIDTH + 2 * far))
+    np.add.at(image, (events.y[own] + far, events.x[own] + far), signs)
+    length = np.linalg.norm(along)
+    ahead = along / length
+    aside = np.array([-ahead[1], ahead[0]])
+
+    def met(lag: float, away: float) -> float:
+        place = np.column_stack([events.x[own], events.y[own]]) + lag * ahead + away * aside
+        column, row = np.rint(place).astype(int).T + far
+        return float((signs * image[row, column]).mean())
+
+    lags = [way * (share * length + 2.5) for way in (-1, 1) for share in (1.3, 1.6, 2.0)]
+    return float(np.mean([max(met(lag, away) for away in range(-3, 4)) for lag in lags]))
+
+
+@settings(deadline=None)
+@given(seeds, st.integers(1, 6000), st.sampled_from([(6, 0), (3, 4), (0, -30), (-20, 11)]))
+def test_what_parts_meet_beyond_where_they_go(seed: int, count: int, along: tuple[float, float]) -> None:
+    events = random_events(seed, count)
+    own = np.flatnonzero(np.random.default_rng(seed).random(count) < 0.8)
+    found = _core.events_beyond(*columns(events), events.p, own, *along, WIDTH, HEIGHT)
+    if len(own):
+        assert found == pytest.approx(numpy_beyond(events, own, np.array(along, float)), abs=1e-9)
+    else:
+        assert found == 0
+
+
 MODELS = [
     MotionModel("translation", (120.0, -80.0)),
     MotionModel("rotation", (0.4, -0.7, 1.5)),
@@ -269,6 +300,7 @@ def test_positions_that_are_no_events_are_refused(position: int) -> None:
         lambda: _core.inner_box(*columns(events), own, WIDTH, HEIGHT),
         lambda: _core.winners_of_tiles(*columns(events), [own], WIDTH, HEIGHT, 16),
         lambda: _core.share_gone(*columns(events), own, 9.0, 0.0),
+        lambda: _core.events_beyond(*columns(events), events.p, own, 9.0, 0.0, WIDTH, HEIGHT),
     ):
         with pytest.raises(ValueError, match=f"position {position}, expected one of 10 events"):
             refuse()

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "emseg/event.hpp"
+#include "emseg/event_columns.hpp"
 
 namespace emseg {
 

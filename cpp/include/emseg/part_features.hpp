@@ -50,4 +50,10 @@ Box outer_box(std::span<const Vec2f> places);
 // little motion or too few events tell.
 double share_gone(const EventView& events, std::span<const std::int64_t> own, Vec2d along);
 
+// Events that some events of a part meet where their motion would bring them, were it to go on: the mean sum
+// of polarities at a pixel, by the event's own sign, ahead of it and behind it, beyond what the part moves by
+// `along` (px).  An edge along itself meets its own events there; of several places aside the fullest counts.
+double events_beyond(const EventView& events, std::span<const std::int64_t> own, Vec2d along,
+                     ImageSize sensor);
+
 }  // namespace emseg
