@@ -93,17 +93,27 @@ def score_scene(task: Task) -> dict[str, Any]:
     }
 
 
-def segment_scored(recording: Recording, config: emseg.Config) -> tuple[list[Window], float]:
-    """The windows of `Segmenter.run`, each beside its truth, and the CPU seconds of segmenting alone."""
+def segment_scored(
+    recording: Recording, config: emseg.Config, *, most_cpu_s: float = float("inf")
+) -> tuple[list[Window], float]:
+    """The windows of `Segmenter.run`, each beside its truth, and the CPU seconds of segmenting alone.
+
+    While one window is scored the next is being segmented: scoring is told apart by its thread's time.
+    Once `most_cpu_s` are spent the rest of the recording is left out.
+    """
     events = recording.events
     list(emseg.Segmenter(events.width, events.height, config=config).run(events[:WARM_UP_EVENTS]))
-    spent, found = 0.0, []
-    clock = time.process_time()
+    found: list[Window] = []
+    spent = scoring = 0.0
+    start = time.process_time()
     for seg in emseg.Segmenter(events.width, events.height, config=config).run(events):
-        spent += time.process_time() - clock
+        begin = time.thread_time()
         found.append(scored(recording, seg.start, seg.stop, seg.labels, seg.boxes, seg.t_ref))
-        clock = time.process_time()
-    return found, spent + time.process_time() - clock
+        scoring += time.thread_time() - begin
+        spent = time.process_time() - start - scoring
+        if spent > most_cpu_s:
+            break
+    return found, spent
 
 
 def scored(

@@ -115,7 +115,8 @@ def examples_of(path: Path) -> list[Example]:
         still = [p for p, moves in zip(parts, moving, strict=True) if not moves]
         scene_features = None
         if still:
-            flow = scene.still_motion(still, window)
+            own = np.array([scene.appearance(part, window) for part in still])
+            flow = scene.still_motion(still, window, scene.ambiguity(own))
             largest = max(still, key=lambda p: p.area)
             scene_features = np.array([scene.motion_against(p, largest, window, flow) for p in parts])
         examples.append(
@@ -172,24 +173,12 @@ def train(
     return scene.Perceptron(mean, scale, flat.reshape(n, hidden), bias, out, float(level[0]))
 
 
-def chosen_background(example: Example, classifier: scene.Perceptron) -> int:
-    """Index of the part that scene.choose_background takes; -1 for none."""
-    still = 1 / (1 + np.exp(np.clip(classifier(example.appearance), -50, 50)))
-    best, score = -1, 0.0
-    for k in example.against:
-        if (
-            k >= 0
-            and example.areas[k] >= 0.03
-            and still[k] >= 0.25
-            and example.areas[k] ** 0.5 * still[k] > score
-        ):
-            best, score = k, example.areas[k] ** 0.5 * still[k]
-    return best
-
-
 def both_features(example: Example, classifier: scene.Perceptron) -> Array:
     """Of every part, by itself and against the background chosen."""
-    return np.hstack([example.appearance, example.against[chosen_background(example, classifier)]])
+    large = [k for k in example.against if k >= 0]
+    own = example.appearance[large]
+    chosen = scene.choose_background([example.areas[k] for k in large], own, classifier(own))
+    return np.hstack([example.appearance, example.against[-1 if chosen is None else large[chosen]]])
 
 
 Classifiers = tuple[scene.Perceptron, scene.Perceptron, scene.Perceptron]

@@ -31,6 +31,17 @@ void bind_event(py::module_& m) {
       py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("width"), py::arg("height"),
       "Raise ValueError at the first event out of order, off the sensor or with a wrong polarity.");
   m.def(
+      "take_events",
+      [](const Array<std::uint16_t>& x, const Array<std::uint16_t>& y, const Array<std::int64_t>& t,
+         const Array<std::uint8_t>& p, const Array<std::int64_t>& positions) {
+        EventColumns taken = take_events(event_view(x, y, t, p), view(positions));
+        return py::make_tuple(to_numpy(std::move(taken.x)), to_numpy(std::move(taken.y)),
+                              to_numpy(std::move(taken.t)), to_numpy(std::move(taken.p)));
+      },
+      py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("positions"),
+      "Columns x, y, t and p of the events at rising positions. Raise IndexError or ValueError at the first "
+      "wrong one.");
+  m.def(
       "windows_by_count",
       [](std::size_t event_count, std::size_t count) {
         return bounds_of(windows_by_count(event_count, count));

@@ -11,6 +11,7 @@ void bind_event_slices(py::module_& m);
 void bind_evt_decoder(py::module_& m);
 void bind_expansion(py::module_& m);
 void bind_motion(py::module_& m);
+void bind_parts(py::module_& m);
 void bind_segmenter(py::module_& m);
 void bind_simulation(py::module_& m);
 
@@ -25,6 +26,7 @@ PYBIND11_MODULE(_core, m) {
   bind_evt_decoder(m);
   bind_expansion(m);
   bind_motion(m);
+  bind_parts(m);
   bind_segmenter(m);
   bind_simulation(m);
 }

@@ -33,6 +33,7 @@ __all__: list[str] = [
     "WarpFrame",
     "band_expansion",
     "check_events",
+    "connected_components",
     "contrast",
     "decode_libcaer_packet",
     "delaunay_edges",
@@ -41,15 +42,26 @@ __all__: list[str] = [
     "event_slices",
     "expansion",
     "fit_motion",
+    "image_velocities",
+    "image_velocity",
+    "inner_box",
     "iwe",
     "labeling_energy",
     "max_flow",
+    "outer_box",
+    "positions_of_values",
+    "share_gone",
     "simd_level",
     "simd_levels",
+    "split_apart",
+    "spread_of_tiles",
+    "take_events",
     "version",
     "warp",
+    "warp_events",
     "windows_by_count",
     "windows_by_duration",
+    "winners_of_tiles",
 ]
 
 class DistortionModel:
@@ -757,6 +769,11 @@ def check_events(
     Raise ValueError at the first event out of order, off the sensor or with a wrong polarity.
     """
 
+def connected_components(occupied: numpy.typing.NDArray[numpy.bool]) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Component of every occupied cell, int32 (rows, columns): diagonal neighbours are joined, the one whose first cell comes first is 0; -1 elsewhere.
+    """
+
 def contrast(
     x: numpy.typing.NDArray[numpy.float32],
     y: numpy.typing.NDArray[numpy.float32],
@@ -876,6 +893,39 @@ def fit_motion(
     Model of highest contrast: parameters (dof,), contrast, number of evaluations with gradient. A workspace keeps its memory for the next call.
     """
 
+def image_velocities(
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+    places: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    As image_velocity, of places (n, 2): float64 (n, 2).
+    """
+
+def image_velocity(
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+    x: typing.SupportsFloat | typing.SupportsIndex,
+    y: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[float, float]:
+    """
+    Velocity, px/s, of what lies at an undistorted place, px.
+    """
+
+def inner_box(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    own: numpy.typing.NDArray[numpy.int64],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[float, float, float, float]:
+    """
+    Left, top, right, bottom of some events' pixels, without the outermost fiftieth on every side.
+    """
+
 def iwe(
     x: numpy.typing.NDArray[numpy.float32],
     y: numpy.typing.NDArray[numpy.float32],
@@ -932,6 +982,30 @@ def max_flow(
     Value of a maximum flow, and 1 for every node on the sink's side of the minimum cut.
     """
 
+def outer_box(places: numpy.typing.NDArray[numpy.float32]) -> tuple[float, float, float, float]:
+    """
+    Left, top, right, bottom of places (n, 2), without the outermost hundredth on every side.
+    """
+
+def positions_of_values(
+    values: numpy.typing.NDArray[numpy.int32], count: typing.SupportsInt | typing.SupportsIndex
+) -> list[numpy.typing.NDArray[numpy.int64]]:
+    """
+    Where each of the values 0 .. count-1 stands, int64, rising.
+    """
+
+def share_gone(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    own: numpy.typing.NDArray[numpy.int64],
+    along_x: typing.SupportsFloat | typing.SupportsIndex,
+    along_y: typing.SupportsFloat | typing.SupportsIndex,
+) -> float:
+    """
+    How far some events went, as a share of the displacement, px, that their motion says.
+    """
+
 def simd_level() -> str:
     """
     Level of instructions in use: the processor's highest, or a lower one that EMSEG_SIMD names.
@@ -940,6 +1014,34 @@ def simd_level() -> str:
 def simd_levels() -> list[str]:
     """
     Levels that this processor runs, ascending.
+    """
+
+def split_apart(
+    places: numpy.typing.NDArray[numpy.float32], gap: typing.SupportsInt | typing.SupportsIndex
+) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Part of every place (n, 2), int32 (n,): parts lie more than about `gap` px apart, the largest is 0; -1 for crumbs.
+    """
+
+def spread_of_tiles(held: numpy.typing.NDArray[numpy.bool]) -> float:
+    """
+    How much of the view tiles span by their second moments: 1 for all of it.
+    """
+
+def take_events(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    positions: numpy.typing.NDArray[numpy.int64],
+) -> tuple[
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.uint16],
+    numpy.typing.NDArray[numpy.int64],
+    numpy.typing.NDArray[numpy.uint8],
+]:
+    """
+    Columns x, y, t and p of the events at rising positions. Raise IndexError or ValueError at the first wrong one.
     """
 
 def warp(
@@ -954,6 +1056,22 @@ def warp(
     Warped positions, float32 (n, 2).
     """
 
+def warp_events(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    own: numpy.typing.NDArray[numpy.int64],
+    t_ref: typing.SupportsInt | typing.SupportsIndex,
+    kind: str,
+    params: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    frame: WarpFrame,
+    undistorted: tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]
+    | None = None,
+) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Warped places of the events at the positions `own`, float32 (n, 2).
+    """
+
 def windows_by_count(
     event_count: typing.SupportsInt | typing.SupportsIndex, count: typing.SupportsInt | typing.SupportsIndex
 ) -> numpy.typing.NDArray[numpy.int64]:
@@ -966,6 +1084,19 @@ def windows_by_duration(
 ) -> numpy.typing.NDArray[numpy.int64]:
     """
     Bounds int64 (k, 2) of the windows [t0 + k d, t0 + (k+1) d) that hold events.
+    """
+
+def winners_of_tiles(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    groups: collections.abc.Sequence[numpy.typing.NDArray[numpy.int64]],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    side: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.int32]:
+    """
+    Which group has most events in each tile, int32 (rows, columns); -1 where none has more than two.
     """
 
 version: str = "0.1.0"

@@ -187,6 +187,7 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
                 "version": emseg.__version__,
                 "commit": source_commit(),
                 "windows": writer.windows,
+                "thinned": writer.thinned,
                 "timings_s": {
                     "read": round(events.seconds, 6),
                     "segment": round(segmented_s, 6),
@@ -199,11 +200,12 @@ def _run(job: Job, progress: Progress | None) -> Outcome:
             _write_pictures(folder, best, events.origin)
         if job.video == "yes":
             _write_video(folder / VIDEO_NAME, job.reading.read(job.source), load_result(folder)[0])
+    thinned = f" ({writer.thinned / events.count:.0%} thinned)" if writer.thinned else ""
     return Outcome(
         job,
         "done",
-        f"{job.source}: {events.count:,} events, {writer.windows} windows, {len(writer.tracks)} tracks, "
-        f"{time.perf_counter() - began:.1f} s: {job.target}",
+        f"{job.source}: {events.count:,} events{thinned}, {writer.windows} windows, "
+        f"{len(writer.tracks)} tracks, {time.perf_counter() - began:.1f} s: {job.target}",
     )
 
 

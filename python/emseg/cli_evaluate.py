@@ -59,7 +59,8 @@ def evaluate(
     try:
         opened = open_dataset(dataset, root)
     except DatasetError as error:
-        raise typer.BadParameter(str(error), param_hint="DATASET") from None
+        wrong = "--root" if dataset in known_datasets() else "DATASET"
+        raise typer.BadParameter(str(error), param_hint=wrong) from None
     if recordings and not any(name.startswith(tuple(recordings)) for name in opened.names):
         listed = ", ".join(opened.names)
         raise typer.BadParameter(f"no recording of that name, there are: {listed}", param_hint="--recording")
@@ -77,7 +78,12 @@ def evaluate(
         raise typer.Exit(INTERRUPTED) from None
     finally:
         bar.clear()
-    typer.echo(f"{dataset}, {len(found.recordings)} recordings, settings {settings_name}\n")
+    number = len(found.recordings)
+    cpu_s = sum(recording["cpu_s"] for recording in found.recordings)
+    typer.echo(
+        f"{dataset}, {number} recording{'' if number == 1 else 's'}, settings {settings_name}: "
+        f"{cpu_s:.1f} CPU s, peak memory {found.about['peak_mb']} MB\n"
+    )
     typer.echo(text_table(found.rows))
     if out is not None:
         files = write_reports(out, found.about, found.rows, found.recordings, found.views)

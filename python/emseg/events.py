@@ -106,9 +106,15 @@ class EventArray:
 
     def _select(self, index: Any) -> EventArray:
         """Events that are known to be valid already: a subset in the same order."""
-        selected = object.__new__(EventArray)
-        selected._set(self.x[index], self.y[index], self.t[index], self.p[index], self.width, self.height)
-        return selected
+        return self._of(self.x[index], self.y[index], self.t[index], self.p[index])
+
+    def _of(
+        self, x: npt.NDArray[Any], y: npt.NDArray[Any], t: npt.NDArray[Any], p: npt.NDArray[Any]
+    ) -> EventArray:
+        """Columns that are known to be valid, as events of the same sensor."""
+        events = object.__new__(EventArray)
+        events._set(x, y, t, p, self.width, self.height)
+        return events
 
     @classmethod
     def from_structured(cls, events: npt.NDArray[Any], *, width: int, height: int) -> EventArray:
@@ -176,17 +182,10 @@ class EventArray:
             if len(chosen) != len(self):
                 raise IndexError(f"mask has length {len(chosen)}, expected {len(self)}")
             return self._select(chosen)
-        out_of_range = np.flatnonzero((chosen < -len(self)) | (chosen >= len(self)))
-        if len(out_of_range):
-            raise IndexError(f"index {chosen[out_of_range[0]]} is out of range for {len(self)} events")
-        chosen = np.where(chosen < 0, chosen.astype(np.int64) + len(self), chosen.astype(np.int64))
-        falling = np.flatnonzero(np.diff(chosen) < 0)
-        if len(falling):
-            raise ValueError(
-                f"indices fall from {chosen[falling[0]]} to {chosen[falling[0] + 1]}, "
-                "expected them rising: events stay in time order"
-            )
-        return self._select(chosen)
+        if chosen.dtype == np.uint64:  # what int64 does not hold is out of range as its largest is
+            chosen = np.minimum(chosen, np.uint64(np.iinfo(np.int64).max))
+        columns = _core.take_events(self.x, self.y, self.t, self.p, chosen.astype(np.int64, copy=False))
+        return self._of(*columns)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EventArray):

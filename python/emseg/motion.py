@@ -159,6 +159,37 @@ def warp(
     return _core.warp(x, y, dt, *model.native(), frame)
 
 
+def warp_some(
+    events: EventArray,
+    positions: npt.NDArray[np.int64],
+    model: MotionModel,
+    t_ref: int,
+    *,
+    camera: Camera | None = None,
+) -> npt.NDArray[np.float32]:
+    """As `warp`, of the events at some positions, rising or not: float32 (n, 2)."""
+    return _core.warp_events(
+        events.x,
+        events.y,
+        events.t,
+        positions,
+        int(t_ref),
+        *model.native(),
+        warp_frame(events, camera),
+        None if camera is None else _undistortion_table(camera),
+    )
+
+
+def undistorted(
+    places: npt.NDArray[np.float64], events: EventArray, camera: Camera | None
+) -> npt.NDArray[np.float64]:
+    """Places on a sensor (n, 2), px, as the camera's model has them: those of the nearest pixels."""
+    if camera is None:
+        return places
+    column, row = np.clip(np.rint(places), 0, (events.width - 1, events.height - 1)).astype(np.intp).T
+    return np.column_stack([table[row, column] for table in _undistortion_table(camera)]).astype(np.float64)
+
+
 def iwe(
     events: EventArray,
     model: MotionModel,

@@ -11,24 +11,27 @@ none of which is a recording or a scene that emseg is measured on.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from emseg import _core
 from emseg.camera import Camera
 from emseg.events import EventArray
-from emseg.motion import MotionModel, warp
+from emseg.motion import MotionModel, undistorted, warp_frame
 
 __all__ = [
     "MIN_EVENTS",
     "LossFunction",
     "Part",
     "Perceptron",
+    "ambiguity",
     "appearance",
     "choose_background",
     "find_parts",
@@ -40,6 +43,7 @@ MIN_EVENTS: Final = 30
 """Of a part: what is smaller is not learnt from."""
 
 _SURELY_STILL: Final = -1.0  # logit
+_AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
@@ -86,7 +90,7 @@ class Part:
     tiles: npt.NDArray[np.bool_]
     box: tuple[float, float, float, float]
 
-    @property
+    @cached_property
     def area(self) -> float:
         """Share of the sensor's tiles."""
         return float(self.tiles.mean())
@@ -100,43 +104,12 @@ class Part:
 
 def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], MotionModel]]) -> list[Part]:
     """Parts of a window, from the indices of the events and the motion of each."""
-    columns, rows = -(-events.width // _TILE), -(-events.height // _TILE)
-    tile = (events.y // _TILE).astype(np.intp) * columns + events.x // _TILE
-    # The first is nobody's: two events make no tile.
-    counts = np.full((len(groups) + 1, rows * columns), 2)
-    for number, (own, _) in enumerate(groups, 1):
-        counts[number] = np.bincount(tile[own], minlength=rows * columns)
-    winner = counts.argmax(axis=0).reshape(rows, columns)
+    columns, size = (events.x, events.y, events.t), (events.width, events.height)
+    winner = _core.winners_of_tiles(*columns, [own for own, _ in groups], *size, _TILE)
     return [
-        Part(own, model, winner == number, _inner_box(events, own))
-        for number, (own, model) in enumerate(groups, 1)
+        Part(own, model, winner == number, _core.inner_box(*columns, own, *size))
+        for number, (own, model) in enumerate(groups)
     ]
-
-
-def _inner_box(events: EventArray, own: npt.NDArray[np.intp]) -> tuple[float, float, float, float]:
-    low, high = len(own) // 50, len(own) - 1 - len(own) // 50
-    (left, right), (top, bottom) = (
-        np.partition(v[own], (low, high))[[low, high]] for v in (events.x, events.y)
-    )
-    return float(left), float(top), float(right), float(bottom)
-
-
-def _spread(tiles: npt.NDArray[np.bool_]) -> float:
-    """How much of the view tiles span by their second moments: 1 for all of it."""
-    y, x = np.nonzero(tiles)
-    if len(x) == 0:
-        return 0.0
-    # 1/12: the variance of a tile within itself.
-    xx, yy = x.var() + 1 / 12, y.var() + 1 / 12
-    xy = ((x - x.mean()) * (y - y.mean())).mean()
-    return float(np.sqrt(max(0.0, xx * yy - xy * xy)) * 12 / tiles.size)
-
-
-def _some_events(events: EventArray, part: Part, most: int = 600) -> EventArray:
-    own = part.own
-    if len(own) > most:
-        own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
-    return events[own]
 
 
 class Window:
@@ -156,56 +129,54 @@ class Window:
         self.duration = duration
         self.loss = loss
         self.camera = camera
+        self._frame = warp_frame(events, camera)
+        self._samples: dict[int, tuple[Part, EventArray]] = {}
+
+    def sample(self, part: Part, most: int = 600) -> EventArray:
+        """Some events of a part, evenly from its first to its last."""
+        if id(part) not in self._samples:
+            own = part.own
+            if len(own) > most:
+                own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
+            self._samples[id(part)] = part, self.events[own]
+        return self._samples[id(part)][1]
 
     def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
         """Of what is at (x, y) px by a motion over the window, px."""
-        if model.kind in ("translation", "similarity"):  # what labels have, without the detour
-            velocity = np.array(model.params[:2], dtype=np.float64)
-            if model.kind == "similarity":
-                r = np.array([x - (self.events.width - 1) / 2, y - (self.events.height - 1) / 2])
-                gain, angle = 1 + model.params[2], model.params[3]
-                cos, sin = np.cos(angle), np.sin(angle)
-                turned = np.array([r[0] * cos - r[1] * sin, r[0] * sin + r[1] * cos])
-                velocity = velocity + gain * turned - r
-            return velocity * self.duration
-        result: npt.NDArray[np.float64] = self.displacements(model, np.array([[x, y]]))[0]
-        return result
+        if self.camera is not None:
+            x, y = undistorted(np.array([[x, y]]), self.events, self.camera)[0].tolist()
+        velocity = _core.image_velocity(*model.native(), self._frame, x, y)
+        return np.array(velocity) * self.duration
 
     def displacements(self, model: MotionModel, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """As `displacement`, of places (n, 2): (n, 2)."""
-        size = np.array([self.events.width, self.events.height])
-        pixels = np.clip(np.rint(places), 0, size - 1).astype(np.uint16)
-        n = len(pixels)
-        both = EventArray(
-            np.tile(pixels[:, 0], 2),
-            np.tile(pixels[:, 1], 2),
-            np.repeat([0, 1000], n),
-            np.zeros(2 * n, np.uint8),
-            width=self.events.width,
-            height=self.events.height,
-        )
-        moved = warp(both, model, 0, camera=self.camera).astype(np.float64)
-        result: npt.NDArray[np.float64] = (moved[:n] - moved[n:]) * 1e3 * self.duration
-        return result
+        places = undistorted(places, self.events, self.camera)
+        return _core.image_velocities(*model.native(), self._frame, places) * self.duration
 
 
-def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
+def still_motion(
+    parts: Sequence[Part], window: Window, ambiguous: Sequence[float] | Features
+) -> MotionModel:
     """One planar motion for all of several parts that stand still, each weighing by its area.
 
     A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the
     image's coordinates.  They are fitted to the displacements of the parts at their tiles by least squares
-    with Cauchy weights.
+    with Cauchy weights.  Of a part whose motion is `ambiguous` (0 to 1), what lies along that motion counts
+    less.
     """
     events = window.events
-    places, flows, weights = [], [], []
-    for part in parts:
+    places, flows, weights, ways = [], [], [], []
+    for part, doubt in zip(parts, ambiguous, strict=True):
         y, x = np.nonzero(part.tiles)
         at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
         at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
         places.append(at)
         flows.append(window.displacements(part.model, at))
+        way = window.displacement(part.model, *part.centre)
+        way = way / max(1e-6, float(np.linalg.norm(way)))
+        ways.append(np.tile(np.eye(2) - 0.99 * doubt * np.outer(way, way), (len(at), 1, 1)))
         weights.append(np.full(len(at), (part.area + 1e-3) / len(at)))
-    flow, weight = np.concatenate(flows), np.concatenate(weights)
+    flow, weight, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
     r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
     f0 = max(events.width, events.height)
     one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
@@ -213,44 +184,21 @@ def still_motion(parts: Sequence[Part], window: Window) -> MotionModel:
         [
             np.column_stack([one, zero, x, y, zero, zero, x * x / f0, x * y / f0]),
             np.column_stack([zero, one, zero, zero, x, y, x * y / f0, y * y / f0]),
-        ]
+        ],
+        axis=1,
     )
+    terms, flow = way @ terms, (way @ flow[..., None])[..., 0]  # (n, 2, 8) and (n, 2)
     # What few tiles leave open stays near no shear and no perspective.
     calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
     robust = np.ones(len(r))
     for _ in range(4):
         scale = np.sqrt(weight / weight.sum() * robust)
-        rows = np.concatenate([terms[0] * scale[:, None], terms[1] * scale[:, None], calm])
-        values = np.concatenate([flow[:, 0] * scale, flow[:, 1] * scale, np.zeros(8)])
+        rows = np.concatenate([(terms * scale[:, None, None]).reshape(-1, 8), calm])
+        values = np.concatenate([(flow * scale[:, None]).ravel(), np.zeros(8)])
         fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
-        error = np.linalg.norm((terms @ fitted).T - flow, axis=1)
+        error = np.linalg.norm(terms @ fitted - flow, axis=1)
         robust = 1 / (1 + (error / 2) ** 2)
     return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
-
-
-def _share_gone(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
-    """How far a part went within the window, as a share of what its motion says: about 1 if that is true.
-
-    The late events of what moves lie further along than the early ones.  An edge that nearly follows the
-    columns of pixels looks as if it moved along itself, fast, but stays where it is.  1/2 where too little
-    motion tells.
-    """
-    speed = float(np.linalg.norm(along))
-    if speed < 5 or len(part.own) < 3 * 10:
-        return 0.5
-    own = _some_events(events, part, 1500)
-    t = own.t
-    place = (own.x * along[0] + own.y * along[1]) / speed
-    third = (t[-1] - t[0]) / 3
-    early, late = place[t < t[0] + third], place[t > t[-1] - third]
-    if min(len(early), len(late)) < 10:
-        return 0.5
-    early.sort()
-    late.sort()
-    ranks = np.array([0.1, 0.5, 0.9])
-    first, last = (v[(ranks * (len(v) - 1)).astype(np.intp)] for v in (early, late))
-    gone = float((last - first).mean())
-    return float(np.clip(gone / (speed * 2 / 3), -0.5, 1.5))
 
 
 def appearance(part: Part, window: Window) -> Features:
@@ -264,15 +212,18 @@ def appearance(part: Part, window: Window) -> Features:
         + int(top < _BORDER)
         + int(bottom > events.height - 1 - _BORDER)
     )
-    (still,) = window.loss(_some_events(events, part), part.model, STILL, _RING[:1])
+    (still,) = window.loss(window.sample(part), part.model, STILL, _RING[:1])
     along = window.displacement(part.model, *part.centre)
-    speed = float(np.linalg.norm(along))
-    went = _share_gone(part, events, along)
+    speed = math.hypot(*along)
+    # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
+    went = _core.share_gone(events.x, events.y, events.t, part.own, *along)
     density = len(part.own) / max(1.0, float(part.tiles.sum()) * _TILE**2)
+    across = min(2.0, float(np.abs(along).min()))
+    beyond = _beyond(part, events, along) if speed > 5 else 0.0
     return np.array(
         [
-            np.log(part.area + 0.002),
-            _spread(part.tiles),
+            math.log(part.area + 0.002),
+            _core.spread_of_tiles(part.tiles),
             w,
             h,
             sides,
@@ -281,11 +232,33 @@ def appearance(part: Part, window: Window) -> Features:
             min(speed, 30.0) / 10,
             went,
             (1 - went) * min(speed, 30.0) / 10,
-            np.log(density + 0.01),
+            math.log(density + 0.01),
             len(part.own) / len(events),
+            across,
+            (1 - went) * (2 - across) * min(speed, 20.0) / 10,
+            beyond,
         ],
         dtype=np.float64,
     )
+
+
+def _beyond(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
+    own = _some_events(events, part, 4000)
+    distance = float(np.linalg.norm(along))
+    e = along / distance
+    across = np.array([-e[1], e[0]])
+    pad, sign = 4, np.where(own.p > 0, 1.0, -1.0)
+    image = np.zeros((events.height + 2 * pad, events.width + 2 * pad))
+    np.add.at(image, (own.y + pad, own.x + pad), sign)
+
+    def seen(lag: float, aside: float) -> float:
+        x = np.rint(own.x + lag * e[0] + aside * across[0]).astype(int) + pad
+        y = np.rint(own.y + lag * e[1] + aside * across[1]).astype(int) + pad
+        x, y = np.clip(x, 0, image.shape[1] - 1), np.clip(y, 0, image.shape[0] - 1)
+        return float((sign * image[y, x]).mean())
+
+    lags = [way * (far * distance + 2.5) for way in (-1, 1) for far in (1.3, 1.6, 2.0)]
+    return float(np.mean([max(seen(lag, aside) for aside in (-3, -2, -1, 0, 1, 2, 3)) for lag in lags]))
 
 
 def motion_against(
@@ -300,14 +273,14 @@ def motion_against(
     if reference is part.model:
         lost = [0.0] * len(_RING)
     else:
-        lost = window.loss(_some_events(window.events, part), part.model, reference, _RING)
+        lost = window.loss(window.sample(part), part.model, reference, _RING)
     own, other = (window.displacement(model, *part.centre) for model in (part.model, reference))
-    apart, along = float(np.linalg.norm(own - other)), float(np.linalg.norm(other))
+    apart, along = math.hypot(*(own - other)), math.hypot(*other)
     # A camera that moves sideways moves what is nearer further the same way.
     ahead, aside = 0.0, apart
     if along > 1:
         ahead = float((own - other) @ other) / along
-        aside = float(np.sqrt(max(0.0, apart**2 - ahead**2)))
+        aside = math.sqrt(max(0.0, apart**2 - ahead**2))
     return np.array(
         [
             lost[0],
@@ -315,7 +288,7 @@ def motion_against(
             min(lost),
             min(apart, 30.0) / 10,
             min(along, 30.0) / 10,
-            float(np.clip(ahead, -20, 20)) / 10,
+            min(max(ahead, -20.0), 20.0) / 10,
             min(aside, 20.0) / 10,
             background is part,
             background is None,
@@ -367,14 +340,30 @@ def _perceptron(weights: dict[str, Any]) -> Perceptron:
     return Perceptron(**{name: np.array(v, dtype=np.float64) for name, v in weights.items()}, level=level)
 
 
-def choose_background(parts: Sequence[Part], logits: Features) -> Part | None:
-    """The part that is largest and surest to stand still by appearance; None where none is likely to."""
-    best: tuple[float, Part | None] = (0.0, None)
-    for part, logit in zip(parts, logits, strict=True):
-        still = 1 / (1 + np.exp(np.clip(logit, -50, 50)))
-        if part.area >= _LARGE and still >= 0.25 and part.area**0.5 * still > best[0]:
-            best = part.area**0.5 * still, part
-    return best[1]
+def choose_background(areas: Sequence[float], own: Features, logits: Features) -> int | None:
+    """Which part is largest and surest to stand still by appearance; None where none is likely to.
+
+    Args:
+        areas: Of the parts.
+        own: Their appearance, (n, features).
+        logits: That they move, (n,).
+    """
+    still = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
+    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own))
+    score[(np.array(areas) < _LARGE) | (still < 0.25)] = 0
+    return int(score.argmax()) if len(score) and score.max() > 0 else None
+
+
+def ambiguity(own: Features) -> Features:
+    """How far the motions of parts are doubtful, 0 to 1, (n,), by their appearance (n, features).
+
+    A straight edge near a column or a row of pixels passes one pixel of it after the other.  That is sharp by
+    a fast motion along the edge, whatever the true one: nothing goes anywhere by it.
+    """
+    speed, went, across = own[:, 7] * 10, own[:, 8], own[:, 12]
+    sure = [np.clip((0.6 - went) / 0.3, 0, 1), np.clip((speed - 5) / 5, 0, 1), np.clip(1.5 - across, 0, 1)]
+    doubt: Features = np.prod(sure, axis=0)
+    return doubt
 
 
 def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
@@ -387,14 +376,15 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
         return np.empty(0), None, STILL
     by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
-    background = choose_background(parts, by_appearance(own))
-    if background is None:
+    chosen = choose_background([part.area for part in parts], own, by_appearance(own))
+    if chosen is None:
         against = np.array([motion_against(part, None, window) for part in parts])
         return by_part(np.hstack([own, against])), None, STILL
+    background = parts[chosen]
     against = np.array([motion_against(part, background, window) for part in parts])
     logits = by_part(np.hstack([own, against])) - _doubt(own)
-    still = [p for p, logit in zip(parts, logits, strict=True) if logit < _SURELY_STILL or p is background]
-    reference = still_motion(still, window)
+    still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
+    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]))
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     return by_scene(np.hstack([own, against])) - _doubt(own), background, reference
 

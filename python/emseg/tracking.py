@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from emseg import _core
 from emseg.camera import Camera
 from emseg.events import EventArray
-from emseg.motion import MotionModel, warp
+from emseg.motion import MotionModel, warp_some
 from emseg.scene import Part, Window, find_parts, moving_logits
 
 __all__ = ["BOX_DTYPE", "Objects", "Tracker", "bounding_box"]
@@ -34,32 +35,8 @@ WindowLoss = Callable[..., list[float]]
 
 def bounding_box(positions: npt.NDArray[np.float32]) -> Box:
     """Box (x, y, w, h), px, of positions (n, 2), without the outermost hundredth on every side."""
-    low, high = np.quantile(positions, (0.01, 0.99), axis=0)
-    x, y = float(low[0]), float(low[1])
-    return x, y, float(high[0]) - x + 1, float(high[1]) - y + 1
-
-
-def connected_components(occupied: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Component of every occupied cell of a small grid, diagonal neighbours joined; -1 elsewhere.
-
-    Components are numbered from 0 by their first cell in raster order.  SciPy's `label` does the same, but
-    importing it takes longer than segmenting many windows.
-    """
-    height, width = occupied.shape
-    nobody = occupied.size
-    first = np.full((height + 2, width + 2), nobody)
-    inner = first[1:-1, 1:-1]
-    inner[occupied] = np.flatnonzero(occupied)
-    while True:  # every cell takes the first cell known around it, until nothing changes
-        rows = np.minimum(np.minimum(first[:-2], first[1:-1]), first[2:])
-        around = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
-        around[~occupied] = nobody
-        if np.array_equal(around, inner):
-            break
-        inner[:] = around
-    components = np.full(occupied.shape, -1)
-    components[occupied] = np.unique(inner[occupied], return_inverse=True)[1]
-    return components
+    left, top, right, bottom = _core.outer_box(positions)
+    return left, top, right - left + 1, bottom - top + 1
 
 
 def best_pairs(gain: npt.NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -94,26 +71,6 @@ def best_pairs(gain: npt.NDArray[np.float64]) -> list[tuple[int, int]]:
             row_of[column] = added if before < 0 else row_of[before]
             column = before
     return sorted((int(row_of[column]), int(column)) for column in np.flatnonzero(row_of >= 0))
-
-
-def split_apart(positions: npt.NDArray[np.float32], gap: int) -> npt.NDArray[np.intp]:
-    """Part of every position (n, 2): positions of two parts lie more than about `gap` px apart.
-
-    Parts are numbered from 0, largest first.  Crumbs, with less than 30 positions or a twenty-fifth of the
-    largest part's, are numbered -1.
-    """
-    cells = np.floor(positions / gap).astype(np.intp)
-    cells -= cells.min(axis=0)
-    occupied = np.zeros(cells.max(axis=0) + 1, bool)
-    occupied[cells[:, 0], cells[:, 1]] = True
-    part = connected_components(occupied)[cells[:, 0], cells[:, 1]]
-    sizes = np.bincount(part)
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    rank[sizes < min(max(30, sizes.max() / 25), sizes.max())] = -1
-    parts: npt.NDArray[np.intp] = rank[part]
-    return parts
 
 
 @dataclass
@@ -210,7 +167,7 @@ class Tracker:
         else:
             logits, background, still_model = moving_logits(parts, window)
 
-        boxes = [bounding_box(warp(events[p.own], p.model, t_ref, camera=self._camera)) for p in parts]
+        boxes = [bounding_box(warp_some(events, p.own, p.model, t_ref, camera=self._camera)) for p in parts]
         seen = self._match(boxes, [part is background for part in parts], t_ref)
         evidence = [
             logit
@@ -233,7 +190,7 @@ class Tracker:
         for k, part in enumerate(parts):
             if part is not background:
                 velocity = window.displacement(part.model, *part.centre) / window.duration
-                strength = float(np.clip(evidence[k], -_SURE, _SURE))
+                strength = min(max(float(evidence[k]), -_SURE), _SURE)
                 self._remember(_Track(numbers[k], boxes[k], velocity, t_ref, strength), seen[k])
         self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
         return found
@@ -243,16 +200,17 @@ class Tracker:
     ) -> tuple[list[tuple[npt.NDArray[np.intp], MotionModel]], list[npt.NDArray[np.intp]]]:
         """Indices of the events and motion of every part, and of crumbs: chance meetings of motions."""
         groups, crumbs = [], []
-        for model in models:
-            own = np.flatnonzero(labels == model.label)
+        for own, model in zip(_core.positions_of_values(labels, len(models)), models, strict=True):
             if not len(own):
                 continue
             if model.label == 0:
                 groups.append((own, model))
                 continue
-            part = split_apart(warp(events[own], model, t_ref, camera=self._camera), self._gap)
+            places = warp_some(events, own, model, t_ref, camera=self._camera)
+            part = _core.split_apart(places, self._gap)
             crumbs.append(own[part < 0])
-            groups += [(own[part == number], model) for number in range(int(part.max()) + 1)]
+            together = _core.positions_of_values(part, int(part.max()) + 1)
+            groups += [(own[members], model) for members in together]
         groups.sort(key=lambda group: (group[1].label != 0, -len(group[0]), int(group[0][0])))
         return groups, crumbs
 
@@ -261,7 +219,8 @@ class Tracker:
         seen: list[_Track | None] = [None] * len(boxes)
         rows = [k for k, left_out in enumerate(excepted) if not left_out]
         if rows and self._tracks:
-            gain = np.array([[_overlap(boxes[k], t.predicted(t_ref)) for t in self._tracks] for k in rows])
+            predicted = [track.predicted(t_ref) for track in self._tracks]
+            gain = np.array([[_overlap(boxes[k], box) for box in predicted] for k in rows])
             for i, j in best_pairs(gain):
                 if gain[i, j] > 0.1:
                     seen[rows[i]] = self._tracks[j]
@@ -351,7 +310,7 @@ def _paint(
     moving: Sequence[int],
 ) -> tuple[npt.NDArray[np.int32], list[MotionModel], npt.NDArray[np.int32], list[MotionModel]]:
     """Labels and models of the objects of a window, and of their parts."""
-    by_object = np.where(labels > 0, 0, labels).astype(np.int32)
+    by_object = np.minimum(labels, 0)
     crumb_of_moving = {parts[k].model.label for k in moving}
     for crumb in crumbs:
         if len(crumb) and int(labels[crumb[0]]) in crumb_of_moving:

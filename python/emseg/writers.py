@@ -84,6 +84,7 @@ class ResultWriter:
         windows: Number of windows added.
         tracks: Their tracks.
         timings: The stages' times added up, s.
+        thinned: Events that motions and labels were not found on, but extended to.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -91,6 +92,7 @@ class ResultWriter:
         self.windows = 0
         self.tracks: set[int] = set()
         self.timings: Counter[str] = Counter()
+        self.thinned = 0
         self._written = 0  # labels
         self._bounds: dict[str, array[int]] = {name: array("q") for name in ("start", "stop", "t_ref")}
         with contextlib.ExitStack() as files:
@@ -135,6 +137,7 @@ class ResultWriter:
         self._models.write(",\n" if self.windows else "[\n")
         self._models.write(textwrap.indent(json.dumps(window, indent=1, ensure_ascii=False), " "))
         self.timings.update({str(stage): float(seconds) for stage, seconds in seg.timings.items()})
+        self.thinned += int(seg.thinned)
         self.windows += 1
 
     def _write_labels(self, labels: npt.NDArray[np.int32], start: int) -> None:

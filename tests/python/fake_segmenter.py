@@ -31,6 +31,7 @@ class FakeSegmentation:
     )
     energy: float = 12.5
     energy_trace: tuple[float, ...] = (20.0, 12.5)
+    thinned: int = 100
     timings: dict[str, float] = field(default_factory=lambda: {"graph": 0.25, "labels": 0.5})
 
     @property

@@ -163,7 +163,7 @@ def test_experiments(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="curves need the extra 'viz'")
     suite = ("--suite", str(tmp_path / "suite"), "--seeds", "11000:11001", "--duration", "0.04")
     written = run_experiments(*suite, "--scenes", "evimo", "--parameters", "lambda_data", out=tmp_path)
-    assert {"machine", "commit", "versions", "settings", "seeds", "duration"} <= set(written)
+    assert {"machine", "commit", "versions", "settings", "seeds", "durations"} <= set(written)
     runs = written["runs"]
     assert [run["what"] for run in runs] == ["thesis", "published", "auto", *["lambda_data"] * 5]
     assert all(run["cpu_s"] > 0 and run["peak_mb"] >= 0 for run in runs)
@@ -172,31 +172,78 @@ def test_experiments(tmp_path: Path) -> None:
     for name in ("moving_iou_deployed", "object_iou", "labels", "windows"):
         assert swept[name] == runs[0][name]
     page = (tmp_path / "experiments.md").read_text(encoding="utf-8")
-    assert "seeds 11000:11001" in page
+    assert f"commit {written['commit']}, seeds 11000, the middle" in page
     assert "![lambda_data](experiments_lambda_data.svg)" in page
-    assert (tmp_path / "experiments_lambda_data.svg").exists()
+    curves = (tmp_path / "experiments_lambda_data.svg").read_text(encoding="utf-8")
+    assert f"commit {written['commit']}, seeds 11000, the middle" in curves
+    (tmp_path / "experiments.md").unlink()
+    run_experiments("--redraw", out=tmp_path)  # of what was measured
+    assert (tmp_path / "experiments.md").read_text(encoding="utf-8") == page
+    assert (tmp_path / "experiments_lambda_data.svg").read_text(encoding="utf-8") == curves
 
 
 def test_experiments_vary_one_parameter_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT))
-    from bench.experiments import EXPERIMENTS, PARAMETERS, Run, hands_runs, parameter_runs
+    from bench.experiment_runs import EXPERIMENTS, PARAMETERS, Run, hands_runs, parameter_runs
 
     import emseg
 
     recordings = [Run("", name, Path("x.npz"), "", emseg.Config(), 0, 0.1) for name in EXPERIMENTS]
-    runs = parameter_runs(recordings, list(PARAMETERS))
+    runs = parameter_runs(recordings, list(PARAMETERS), windows=2)
     assert len(runs) == len(EXPERIMENTS) * sum(map(len, PARAMETERS.values()))
     for run in runs:
         thesis = vars(emseg.Config.preset(EXPERIMENTS[run.experiment].thesis))
+        assert run.most_events == 2 * thesis["num_events_per_image"]
         changed = {name: value for name, value in vars(run.config).items() if thesis[name] != value}
         changed.pop("threads", None)
         names = ("bracket_row", "bracket_col") if run.what == "bracket" else (run.what,)
         assert changed == {} or changed == dict.fromkeys(names, run.value)
-    swept = hands_runs(recordings)
+    swept = hands_runs(recordings, windows=2)
     assert {(run.config.lambda_smooth, run.config.lambda_label) for run in swept} == {
         (smooth, label) for smooth in (20, 30) for label in range(0, 9_000, 1_000)
     }
     assert len(swept) == 18
+
+
+def test_experiments_go_on_where_they_were(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from dataclasses import replace
+
+    from bench.experiment_runs import Run, keep_figures, kept_figures, key_of, measure
+    from bench.experiments import run_all
+
+    import emseg
+
+    made = ROOT / "python" / "emseg" / "datasets" / "data" / "made_scene.npz"
+    config = emseg.Config(threads=1, num_events_per_image=10_000)
+    run = Run("a", "hands", made, "", config, 0, 1.0, most_events=30_000)
+    figures = measure(run)
+    assert (figures["events"], figures["windows"], figures["cut_short"]) == (30_000, 3, False)
+    assert 0 < figures["cpu_s"] < figures["process_cpu_s"]
+    assert 0 < figures["peak_mb"] < figures["process_peak_mb"]
+    short = measure(replace(run, most_cpu_s=0.0))
+    assert (short["windows"], short["cut_short"]) == (1, True)
+
+    # The name a run is kept by tells apart all that changes figures, and nothing else.
+    key = key_of(run)
+    assert key == key_of(replace(run, what="b", value=3.0))
+    for other in (
+        replace(run, config=replace(config, lambda_data=2.0)),
+        replace(run, most_events=20_000),
+        replace(run, path=made.with_name("cars_davis346.npz")),
+    ):
+        assert key_of(other) != key
+    assert kept_figures(tmp_path, key) is None
+    keep_figures(tmp_path, key, figures)
+    assert kept_figures(tmp_path, key) == figures
+    # Both rows come from the run that is kept: no process is started.
+    monkeypatch.setattr("bench.experiments.measure", None)
+    rows, failed = run_all([run, replace(run, what="b", value=3.0)], 1, tmp_path)
+    assert [(row["what"], row["value"]) for row in rows] == [("a", None), ("b", 3.0)]
+    assert all(row["cpu_s"] == figures["cpu_s"] for row in rows)
+    assert failed == []
+    (tmp_path / f"{key}.json").write_text('{"cpu_s"', encoding="utf-8")
+    assert kept_figures(tmp_path, key) is None  # damaged: to be measured again
 
 
 def test_experiments_take_public_recordings(tmp_path: Path) -> None:

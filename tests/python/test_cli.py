@@ -67,7 +67,7 @@ def test_segment_writes_everything(tmp_path: Path) -> None:
     result = emseg_("segment", source, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert "done: " in result.output
-    assert "1,200 events, 3 windows, 2 tracks" in result.output
+    assert "1,200 events (25% thinned), 3 windows, 2 tracks" in result.output
     folder = tmp_path / "out" / "a"
     with np.load(folder / "labels.npz") as arrays:
         assert {name: arrays[name].dtype for name in arrays} == {
@@ -91,6 +91,7 @@ def test_segment_writes_everything(tmp_path: Path) -> None:
     run = json.loads((folder / "run.json").read_text())
     assert run["config"] == dataclasses.asdict(Config())
     assert (run["version"], run["seed"], run["input"]["events"]) == (emseg.__version__, 0, 1200)
+    assert (run["windows"], run["thinned"]) == (3, 300)
     assert run["timings_s"]["stages"] == {"graph": 0.75, "labels": 1.5}
     assert len(run["input_sha256"]) == 64
     assert sorted(path.name for path in folder.iterdir()) == [

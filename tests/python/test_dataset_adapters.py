@@ -223,6 +223,30 @@ def test_dsec_with_pictures_of_labels(tmp_path: Path) -> None:
     assert (masks[1] == np.where(labels == 10_000, -1, labels)).all()
 
 
+@pytest.mark.parametrize("folder", ["DSEC_MOS/training/zurich_city_00_a/gt_mask", "gt_mask/zurich_city_00_a"])
+def test_dsec_with_masks_of_dsec_mos(tmp_path: Path, folder: str) -> None:
+    cv2 = pytest.importorskip("cv2", reason="PNG needs the extra 'viz'")
+    write_dsec(tmp_path, made(640, 480))
+    moving = np.zeros((480, 640), np.uint8)
+    moving[10:20, 30:40], moving[50, 60] = 255, 1
+    (tmp_path / folder).mkdir(parents=True)
+    files = [tmp_path / folder / f"{number:06d}.png" for number in (1, 2, 3)]
+    cv2.imwrite(str(files[0]), moving)
+    cv2.imwrite(str(files[1]), np.stack([moving, 0 * moving, 0 * moving], axis=2))
+    masks = open_dataset("dsec", tmp_path)[0].truth.masks
+    assert masks is not None
+    assert masks.t.tolist() == [1_050_000, 1_100_000]  # frames 1 and 2 of 0, 1, 2
+    for k in range(2):
+        assert (masks[k] == (moving > 0)).all()
+    # Three frames, and a third picture: they count from 1.
+    cv2.imwrite(str(files[2]), moving[:400])
+    masks = open_dataset("dsec", tmp_path)[0].truth.masks
+    assert masks is not None
+    assert masks.t.tolist() == [1_000_000, 1_050_000, 1_100_000]
+    with pytest.raises(DatasetError, match=r"000003\.png: shape \(400, 640\), expected the event camera's"):
+        masks[2]
+
+
 def encode_rle(mask: np.ndarray) -> str:
     """COCO's code of a mask, the other way round: run lengths, differences, letters."""
     flat = mask.T.ravel().astype(int)

@@ -167,6 +167,9 @@ def test_published_figures_have_a_source_and_a_protocol() -> None:
         assert figure.source
         assert figure.protocol in PROTOCOLS
         assert 0 < figure.value < 1
+    unconfirmed = {(f.dataset, f.method) for f in PUBLISHED if not f.confirmed}
+    assert unconfirmed == {("eed", "EMSMC"), ("evimo", "EMSGC")}  # EMSGC's own figure
+    assert {f.group for f in PUBLISHED if not f.confirmed} == {""}
     fast = [f for f in published_for("evimo") if f.group == "fast" and f.protocol == "mask 40 Hz"]
     assert {f.method: f.value for f in fast} == {
         "EMSGC": 0.43,
@@ -191,6 +194,12 @@ def test_ours_stand_before_the_published_and_skipped_are_counted() -> None:
     assert of_table[0] == OURS
     assert len(of_table) == 7
     text = text_table(rows)
+    assert "TNNLS 2021 (arXiv 2012.08730): 76.81 %; not confirmed" in text
+    assert text.count("not confirmed") == 1
+    assert max(map(len, text.split("\nsources\n")[0].splitlines())) < 110  # what a terminal shows in a line
+    # Nothing of ours stands beside what others found on "fast": it is not shown, only written.
+    assert any(row.group == "fast" for row in rows)
+    assert " fast " not in text
     assert "mask 40 Hz: moving mask at pixels with events, 40 Hz" in text
     assert "Sanket et al., EVDodgeNet, ICRA 2020" in text
     assert " 7 frames        1 " in text
@@ -252,7 +261,7 @@ def test_the_command(evimo: Path, tmp_path: Path) -> None:
     run = CliRunner().invoke(app, ["evaluate", "evimo", "--root", str(evimo), "--out", str(tmp_path / "out")])
     assert run.exit_code == 0, run.output
     assert "EV-IMO network" in run.output
-    assert "evimo, 1 recordings, settings auto" in run.output
+    assert "evimo, 1 recording, settings auto: " in run.output
     written = json.loads((tmp_path / "out" / "evaluation.json").read_text())
     assert {"dataset", "version", "commit", "settings", "machine", "figures", "recordings"} <= set(written)
     with (tmp_path / "out" / "evaluation.csv").open(newline="") as file:
@@ -274,7 +283,7 @@ def test_recordings_that_cannot_be_read_are_named(evimo: Path, tmp_path: Path) -
     run = CliRunner().invoke(app, ["evaluate", "evimo", "--root", str(root), "--seconds", "0.05"])
     assert run.exit_code == 1
     assert "failed: broken:" in run.output
-    assert "evimo, 1 recordings" in run.output
+    assert "evimo, 1 recording," in run.output
 
 
 @pytest.mark.parametrize(

@@ -69,13 +69,23 @@ def test_parts_of_a_few_events(count: int) -> None:
     ],
     ids=lambda model: model.kind,
 )
-def test_displacements_of_one_place_and_of_many_agree(model: MotionModel) -> None:
-    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
+@pytest.mark.parametrize(
+    "camera",
+    [None, emseg.Camera(WIDTH, HEIGHT, fx=250, fy=260, cx=150, cy=130, distortion=(-0.3, 0.1, 0, 0))],
+    ids=["plain", "camera"],
+)
+def test_displacements_are_where_warps_bring_events_from(
+    model: MotionModel, camera: emseg.Camera | None
+) -> None:
     places = np.array([[0.0, 0.0], [100.0, 30.0], [319.0, 239.0]])
+    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss, camera)
+    # An event as much before the reference time as another after it.
+    both = events_at(np.tile(places, (2, 1)), np.repeat([0, 40_000], 3), size=(WIDTH, HEIGHT))
+    moved = emseg.warp(both, model, 20_000, camera=camera)
     many = window.displacements(model, places)
+    np.testing.assert_allclose(many, moved[:3] - moved[3:], atol=1e-3)
     for place, displacement in zip(places, many, strict=True):
-        # Warping by a millisecond is the motion but for its curvature.
-        np.testing.assert_allclose(window.displacement(model, *place), displacement, atol=0.02)
+        np.testing.assert_array_equal(window.displacement(model, *place), displacement)
 
 
 def tiles_part(model: MotionModel, rows: slice, columns: slice) -> Part:

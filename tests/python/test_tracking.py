@@ -1,6 +1,6 @@
 """Objects of parts through time.
 
-Parts and pairs are held against SciPy, which is slow to import and so not used there.
+Pairs are held against SciPy, which is slow to import and so not used there.
 """
 
 from __future__ import annotations
@@ -11,37 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import array_shapes, arrays
-from scipy import ndimage
+from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
 
 from emseg import EventArray, MotionModel, scene, tracking
 from emseg.scene import Part
-from emseg.tracking import Objects, Tracker, best_pairs, connected_components
-
-
-@settings(max_examples=200, deadline=None)
-@given(arrays(bool, array_shapes(min_dims=2, max_dims=2, max_side=12)))
-def test_components_are_scipys(occupied: np.ndarray) -> None:
-    expected, _ = ndimage.label(occupied, structure=np.ones((3, 3)))
-    assert np.array_equal(connected_components(occupied), expected - 1)
-
-
-def test_a_spiral_is_one_component() -> None:
-    spiral = np.array(
-        [
-            [1, 1, 1, 1, 1, 1, 1],
-            [0, 0, 0, 0, 0, 0, 1],
-            [1, 1, 1, 1, 1, 0, 1],
-            [1, 0, 0, 0, 1, 0, 1],
-            [1, 0, 1, 1, 1, 0, 1],
-            [1, 0, 0, 0, 0, 0, 1],
-            [1, 1, 1, 1, 1, 1, 1],
-        ],
-        bool,
-    )
-    assert set(connected_components(spiral)[spiral].tolist()) == {0}
-    assert (connected_components(spiral)[~spiral] == -1).all()
+from emseg.tracking import Objects, Tracker, best_pairs
 
 
 def gains(rows: int, columns: int) -> st.SearchStrategy[np.ndarray]:

@@ -8,23 +8,9 @@
 #include <span>
 #include <vector>
 
+#include "emseg/event.hpp"
+
 namespace emseg {
-
-// Decoded events, column by column; see EventView.  As encoded: neither sorted nor checked against a sensor.
-struct EventColumns {
-  std::vector<std::uint16_t> x;
-  std::vector<std::uint16_t> y;
-  std::vector<std::int64_t> t;
-  std::vector<std::uint8_t> p;
-
-  std::size_t size() const { return t.size(); }
-  void append(std::uint16_t x_px, std::uint16_t y_px, std::int64_t t_us, bool rise) {
-    x.push_back(x_px);
-    y.push_back(y_px);
-    t.push_back(t_us);
-    p.push_back(rise ? 1 : 0);
-  }
-};
 
 enum class EvtEncoding {
   evt2,
@@ -33,7 +19,8 @@ enum class EvtEncoding {
   evt3,
 };
 
-// Decodes a byte stream piece by piece, wherever the pieces are cut.  Words are little-endian.
+// Decodes a byte stream piece by piece, wherever the pieces are cut.  Words are little-endian.  Events are as
+// encoded: neither sorted nor checked against a sensor.
 class EvtDecoder {
  public:
   explicit EvtDecoder(EvtEncoding encoding) : encoding_(encoding) {}

@@ -1,22 +1,31 @@
-"""DSEC (Prophesee Gen3.1, 640x480): `<sequence>/events/left/events.h5`, and labels of MOTS where there are.
+"""DSEC (Prophesee Gen3.1, 640x480): `<sequence>/events/left/events.h5`, and labels where there are some.
 
 A sequence may lie in train/ or test/, or in a folder a kind (train_events/<sequence>/…), as its archives
-unpack.  Labels are in the MOTS challenge's layout, in the view of the left event camera: 16-bit pictures
-`instances/<sequence>/*.png` of 1000 times the class plus the track, 10000 to be ignored; or
-`instances_txt/<sequence>.txt` with lines "frame track class height width rle".  Frames are counted by the
-sequence's images/timestamps.txt (µs).  Every labelled object is taken to move.
+unpack.  Labels are in the view of the left event camera, in one of three layouts:
 
-How the labels of DSEC-MOTS itself ("Out of the room", CVPRW 2024) are laid out could not be looked up.
+- DSEC-MOS: `<sequence>/gt_mask/<frame>.png`, or `gt_mask/<sequence>/<frame>.png` as its authors' code reads
+  them; what is above 0 moves, objects are not told apart.  Its makers show frames from 000001 on: where the
+  last is as high as there are frames, they count from 1, else from 0 as DSEC does.  They say that these are
+  the event camera's coordinates, not whether before or after rectification; before it is assumed.
+- MOTS, pictures: `instances/<sequence>/*.png` of 16 bits, 1000 times the class plus the track, 10000 to be
+  ignored.  Every labelled object is taken to move.
+- MOTS, text: `instances_txt/<sequence>.txt` with lines "frame track class height width rle".
 
-Sources: https://dsec.ifi.uzh.ch/data-format/; Voigtlaender et al., "MOTS: Multi-object tracking and
-segmentation", CVPR 2019, and https://www.vision.rwth-aachen.de/page/mots.
+Frames are counted by the sequence's images/timestamps.txt (µs).
+
+No download or description of DSEC-MOTS ("Out of the room", 3DV 2024) could be found; the layouts of the MOTS
+challenge stand for it.
+
+Sources: https://dsec.ifi.uzh.ch/data-format/; Zhou et al., "Event-free moving object segmentation from moving
+ego vehicle", IROS 2024, and README and loader of https://github.com/ZZY-Zhou/DSEC-MOS; Voigtlaender et al.,
+"MOTS: Multi-object tracking and segmentation", CVPR 2019, and https://www.vision.rwth-aachen.de/page/mots.
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -65,18 +74,25 @@ def _beside(root: Path, sequence: str, file: str) -> Path | None:
 
 
 def _masks(root: Path, sequence: str) -> ImageTrack | None:
+    moving = sorted({*root.rglob(f"{sequence}/gt_mask/*.png"), *root.rglob(f"gt_mask/{sequence}/*.png")})
     pictures = sorted(path for path in root.rglob(f"instances/{sequence}/*.png"))
     text = next(iter(sorted(root.rglob(f"instances_txt/{sequence}.txt"))), None)
-    if not pictures and text is None:
+    if not moving and not pictures and text is None:
         return None
     times = _beside(root, sequence, "timestamps.txt")
     if times is None:
         raise DatasetError(f"{root}: no timestamps.txt of {sequence}, expected it for its labels")
     t = np.loadtxt(times, dtype=np.int64, ndmin=1)
+    if moving:
+        numbers = [_number(path) for path in moving]
+        if numbers[-1] == len(t) and numbers[0] > 0:
+            numbers = [number - 1 for number in numbers]
+        _check(numbers, t, times)
+        return ImageTrack(t[numbers], lambda k: _moving(_sized(moving[k])))
     if pictures:
         numbers = [_number(path) for path in pictures]
         _check(numbers, t, times)
-        return ImageTrack(t[numbers], lambda k: _tracks(read_png(pictures[k]), pictures[k]))
+        return ImageTrack(t[numbers], lambda k: _tracks(_sized(pictures[k])))
     assert text is not None
     frames = _read_text(text)
     numbers = sorted(frames)
@@ -96,10 +112,22 @@ def _check(numbers: list[int], t: npt.NDArray[np.int64], times: Path) -> None:
         raise DatasetError(f"{times}: {len(t)} times, expected one for frame {numbers[-1]} of the labels")
 
 
-def _tracks(picture: npt.NDArray[np.uint16], path: Path) -> Mask:
+def _sized(path: Path) -> npt.NDArray[Any]:
+    picture = read_png(path)
+    if picture.shape[:2] != (HEIGHT, WIDTH):
+        size = f"({HEIGHT}, {WIDTH})"
+        raise DatasetError(f"{path}: shape {picture.shape[:2]}, expected the event camera's {size}")
+    return picture
+
+
+def _moving(picture: npt.NDArray[Any]) -> Mask:
+    """1 where something moves, of a picture in grey or in colour."""
+    moving: npt.NDArray[np.bool_] = np.any(picture.reshape(HEIGHT, WIDTH, -1) > 0, axis=2)
+    return moving.astype(np.int32)
+
+
+def _tracks(picture: npt.NDArray[np.uint16]) -> Mask:
     """Tracks from 1 up of a picture of labels; -1 where they say that it is to be ignored."""
-    if picture.shape != (HEIGHT, WIDTH):
-        raise DatasetError(f"{path}: shape {picture.shape}, expected the event camera's ({HEIGHT}, {WIDTH})")
     # The track alone recurs in other classes: the label as a whole tells objects apart.
     return np.where(picture == IGNORED, UNKNOWN, picture).astype(np.int32)
 

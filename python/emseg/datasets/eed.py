@@ -1,12 +1,13 @@
 """The Extreme Event Dataset: a folder a sequence, DAVIS240.
 
-`<sequence>/events.txt` of "t x y p" (s); some have parts, such as light_variations/strobe and
-multiple_objects/2_objs.  EMSGC gives out filtered events as events_filtered.txt; the raw recordings are ROS
-bags.  Boxes are read from `<sequence>/boundingbox.txt`: a line a box, "t x y w h" (s, px), by blanks or
-commas; a header line may name the columns otherwise, also x1 y1 x2 y2.  Times count as those of the events.
+`<sequence>/events.txt` of "t x y p" (s, Unix time), beside images.txt ("t images/frame_….png"); some have
+parts, such as light_variations/strobe and multiple_objects/2_objs.  EMSGC gives out filtered events as
+events_filtered.txt; the raw recordings are ROS bags.  Boxes are read from `<sequence>/boundingbox.txt`: a
+line a box, "t x y w h" (s, px), by blanks or commas; a header line may name the columns otherwise, also
+x1 y1 x2 y2.  Times count as those of the events.
 
-The makers' download holds events, images and calibrations; how their annotated boxes are laid out could not
-be looked up, so that they may have to be brought into this form.
+That boxes lie in boundingbox.txt beside the events is what the one loader of others that was found says; it
+does not read the columns, so that these are an assumption.
 
 Sources: Mitrokhin, Fermuller, Parameshwara, Aloimonos, "Event-based moving object detection and tracking",
 IROS 2018, and the IROS_Dataset-2018-independent-motion archive's folders; EMSGC's launch/EED for its copies.

@@ -76,8 +76,8 @@ _BUILT_IN: Final = (
     DatasetEntry(
         "dsec",
         "emseg.datasets.dsec:dsec",
-        "DSEC, with MOTS labels where there are some: masks",
-        "Gehrig, Aarents, Gehrig, Scaramuzza, DSEC, RA-L 2021; Voigtlaender et al., MOTS, CVPR 2019",
+        "DSEC, with labels of DSEC-MOS or in MOTS' layout where there are some: masks",
+        "Gehrig, Aarents, Gehrig, Scaramuzza, DSEC, RA-L 2021; Zhou et al., DSEC-MOS, IROS 2024",
     ),
     DatasetEntry(
         "mvsec",

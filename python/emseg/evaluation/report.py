@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from emseg.evaluation.protocols import PROTOCOLS, Figure
-from emseg.evaluation.published import published_for
+from emseg.evaluation.published import UNCONFIRMED, published_for
 from emseg.evaluation.views import View
 from emseg.writers import write_png
 
@@ -49,7 +49,14 @@ def merged_rows(dataset: str, figures: Iterable[tuple[str, Figure]]) -> list[Row
     ours = [_summary(*key, values) for key, values in gathered.items()]
     theirs = [
         Row(
-            figure.protocol, figure.name, figure.group, figure.method, figure.value, None, None, figure.source
+            figure.protocol,
+            figure.name,
+            figure.group,
+            figure.method,
+            figure.value,
+            None,
+            None,
+            figure.source + ("" if figure.confirmed else UNCONFIRMED),
         )
         for figure in published_for(dataset)
     ]
@@ -69,10 +76,38 @@ def _summary(protocol: str, name: str, group: str, values: Sequence[float]) -> R
     return Row(protocol, name, group, OURS, value, int(known.size), int(array.size - known.size), "this run")
 
 
+RECORDING_HEADING: Final = ("recording", "events", "windows", "s", "CPU s", "ms a window")
+FACTS: Final = {
+    "version": "version",
+    "commit": "commit",
+    "settings_name": "settings",
+    "seconds": "seconds of each recording",
+    "machine": "machine",
+    "date": "date",
+    "peak_mb": "peak memory, MB",
+}
+"""Of an evaluation, shown at the head of the page, by what they are called there."""
 HEADING: Final = ("figure", "over", "method", "value", "of", "skipped", "source")
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def shown_rows(rows: Sequence[Row]) -> list[Row]:
+    """Without published figures of groups of which there is nothing of ours to stand beside."""
+    ours = {(row.protocol, row.group) for row in rows if row.method == OURS}
+    scored = {protocol for protocol, _ in ours}
+    return [
+        row
+        for row in rows
+        if row.group == ALL or row.protocol not in scored or (row.protocol, row.group) in ours
+    ]
+
+
+def _sources(rows: Sequence[Row]) -> dict[str, str]:
+    """The sources of published figures, numbered as the tables cite them."""
+    cited = dict.fromkeys(row.source for row in rows if row.method != OURS)
+    return {source: f"[{k}]" for k, source in enumerate(cited, 1)}
+
+
+def _cells(row: Row, sources: dict[str, str]) -> tuple[str, ...]:
     item = PROTOCOLS[row.protocol].item
     plural = {"box": "boxes"}.get(item, f"{item}s")
     return (
@@ -82,13 +117,15 @@ def _cells(row: Row) -> tuple[str, ...]:
         "–" if row.value is None else f"{row.value:.3f}",
         "–" if row.items is None else f"{row.items} {item if row.items == 1 else plural}",
         "–" if row.skipped is None else str(row.skipped),
-        row.source,
+        sources.get(row.source, row.source),
     )
 
 
 def text_table(rows: Sequence[Row]) -> str:
-    """The rows in columns, a heading for each protocol."""
-    cells = [_cells(row) for row in rows]
+    """The rows to be shown in columns, a heading for each protocol, and the published figures' sources."""
+    rows = shown_rows(rows)
+    sources = _sources(rows)
+    cells = [_cells(row, sources) for row in rows]
     widths = [max(map(len, column)) for column in zip(HEADING, *cells, strict=True)]
     lines: list[str] = []
     last = ""
@@ -98,6 +135,8 @@ def text_table(rows: Sequence[Row]) -> str:
             title = f"{row.protocol}: {PROTOCOLS[row.protocol].title}"
             lines += [*([""] if lines else []), title, _aligned(HEADING, widths)]
         lines.append(_aligned(line, widths))
+    if sources:
+        lines += ["", "sources", *(f"  {number:4} {source}" for source, number in sources.items())]
     return "\n".join(lines)
 
 
@@ -146,8 +185,10 @@ figure { margin: 1em 0; } img { max-width: 100%; } figcaption, .about { color: #
 <h1>emseg on $dataset</h1>
 <p class="about">$about</p>
 $tables
+$sources
 <h2>Windows</h2>
-<p>Truth left, labels right; the worst first.</p>
+<p>Truth left, labels right, the worst first; grey is the background, a colour an object. The score is the
+mean of moving and object IoU, or the share of the annotated boxes that is found.</p>
 $figures
 <h2>Recordings</h2>
 $recordings
@@ -160,23 +201,36 @@ def _page(
     about: dict[str, Any], rows: Sequence[Row], recordings: Sequence[dict[str, Any]], views: Sequence[View]
 ) -> str:
     tables = []
-    for protocol in dict.fromkeys(row.protocol for row in rows):
-        own = [row for row in rows if row.protocol == protocol]
+    shown = shown_rows(rows)
+    sources = _sources(shown)
+    for protocol in dict.fromkeys(row.protocol for row in shown):
+        own = [row for row in shown if row.protocol == protocol]
         tables.append(f"<h2>{html.escape(protocol)}</h2><p>{html.escape(PROTOCOLS[protocol].title)}</p>")
-        body = [(_cells(row), "ours" if row.method == OURS else "") for row in own]
+        body = [(_cells(row, sources), "ours" if row.method == OURS else "") for row in own]
         tables.append(_table(HEADING, body, numbers=(3, 4, 5)))
     listed = [
-        ((r["name"], str(r["events"]), str(r["windows"]), f"{r['seconds']:.2f}", f"{r['cpu_s']:.2f}"), "")
+        (
+            (
+                r["name"],
+                str(r["events"]),
+                str(r["windows"]),
+                f"{r['seconds']:.2f}",
+                f"{r['cpu_s']:.2f}",
+                f"{r['ms_a_window']:.0f}",
+            ),
+            "",
+        )
         for r in recordings
     ]
-    shown = ("version", "commit", "settings_name", "machine", "date", "peak_mb")
-    facts = "; ".join(f"{key} {about[key]}" for key in shown if about.get(key) is not None)
+    facts = "; ".join(f"{name} {about[key]}" for key, name in FACTS.items() if about.get(key) is not None)
+    cited = "".join(f"<li>{html.escape(source)}</li>" for source in sources)
     return _PAGE.substitute(
         dataset=html.escape(str(about["dataset"])),
         about=html.escape(facts),
         tables="\n".join(tables),
+        sources=f"<h2>Sources</h2><ol>{cited}</ol>" if cited else "",
         figures="\n".join(_figure(view) for view in views),
-        recordings=_table(("recording", "events", "windows", "s", "CPU s"), listed, numbers=(1, 2, 3, 4)),
+        recordings=_table(RECORDING_HEADING, listed, numbers=(1, 2, 3, 4, 5)),
     )
 
 

@@ -161,6 +161,40 @@ def _behind_pillars(random: Random, duration: float, sensors: tuple[tuple[int, i
 
 
 @_scene
+def blinds(random: Random, duration: float) -> Scene:
+    """Things pass slats, boards and fences that nearly stand still: straight edges hide motion along them."""
+    place = Place(random, (SMALL, SMALL, MEDIUM, LARGE), duration)
+    bodies = [wall(place, 3.0), *cards(place, random.integer(1, 3), (2.2, 2.9))]
+    turned = 90 if random.chance(0.2) else 0
+    for at in (-0.6, 0.1, 0.6)[: random.integer(1, 3)]:
+        depth = random.uniform(0.9, 2.3)
+        width = place.metres(random.uniform(0.15, 0.5), depth)
+        x, y = (0, at) if turned else (at, 0)
+        bodies.append(
+            Body(
+                name="slats",
+                shape=Rectangle(size=(width, 8.0)),
+                motion=Motion(
+                    position=place.at(x + random.uniform(-0.2, 0.2), y, depth),
+                    rotation=(0.0, 0.0, turned + random.uniform(-8, 8)),
+                ),
+                texture=texture(random, width / random.uniform(6, 20), of=("stripes",)),
+            )
+        )
+    depth = random.uniform(1.2, 2.1)
+    motion = place.crossing((80, 400), depth, margin=0.5)
+    bodies.append(mover(place, random.uniform(0.15, 0.35), depth, motion))
+    slow = place.sliding((0.03, 0.2)) if random.chance(0.4) else place.hand_held(random.spread(0.4, 1.5))
+    exact = {"threshold_sigma": 0.01, "cutoff": 0.0, "latency_jitter": 0.0} if random.chance(0.6) else {}
+    return Scene(
+        duration=duration,
+        camera=place.camera(slow),
+        sensor=sensor(random, **exact),
+        bodies=tuple(bodies),
+    )
+
+
+@_scene
 def what_is_background(random: Random, duration: float) -> Scene:
     """A net before all, something moving behind it; or a moving thing that hides most of the wall."""
     place = Place(random, (SMALL, SMALL, MEDIUM), duration)
