@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 #include <random>
+#include <stdexcept>
 
 #include "emseg/part_features.hpp"
 #include "emseg/warp_events.hpp"

@@ -2,6 +2,7 @@
 
 #include <limits>
 #include <random>
+#include <stdexcept>
 
 #include "emseg/split_apart.hpp"
 #include "synthetic_events.hpp"
