@@ -3,31 +3,32 @@
 #include <algorithm>
 #include <cmath>
 
-#include "emseg/motion_model.hpp"
-
 namespace emseg {
 
 std::vector<std::int32_t> axis_doubts(const BlockGrid& grid, const MotionModel& model, const WarpFrame& frame,
                                       double window, double cost) {
   std::vector<std::int32_t> doubts(grid.count(), 0);
-  if (cost <= 0) return doubts;
+  if (!(cost > 0)) return doubts;
+  // The middle of every block, where it is at the window's beginning and at its end.
+  const std::size_t n = grid.count();
   Points ends;
-  for (const float dt : {0.5f, -0.5f}) {
-    for (int row = 0; row < grid.rows; ++row) {
-      for (int column = 0; column < grid.columns; ++column) {
-        ends.x.push_back(static_cast<float>(grid.plane.x0) + (static_cast<float>(column) + 0.5f) * static_cast<float>(grid.block));
-        ends.y.push_back(static_cast<float>(grid.plane.y0) + (static_cast<float>(row) + 0.5f) * static_cast<float>(grid.block));
-        ends.dt.push_back(dt * static_cast<float>(window));
-      }
+  for (const double side : {0.5, -0.5}) {
+    for (std::size_t b = 0; b < n; ++b) {
+      const auto columns = static_cast<std::size_t>(grid.columns);
+      const double x = grid.plane.x0 + (static_cast<double>(b % columns) + 0.5) * grid.block;
+      const double y = grid.plane.y0 + (static_cast<double>(b / columns) + 0.5) * grid.block;
+      ends.x.push_back(static_cast<float>(x));
+      ends.y.push_back(static_cast<float>(y));
+      ends.dt.push_back(static_cast<float>(side * window));
     }
   }
-  std::vector<float> x(ends.size()), y(ends.size());
+  std::vector<float> x(2 * n), y(2 * n);
   warp_points(ends.view(), model, frame, x, y);
-  for (std::size_t b = 0; b < grid.count(); ++b) {
-    const float dx = std::abs(x[b] - x[b + grid.count()]), dy = std::abs(y[b] - y[b + grid.count()]);
-    const float along = std::max(dx, dy), across = std::min(dx, dy);
-    const double doubt = std::clamp((along - 4.0) / 4.0, 0.0, 1.0) * std::clamp(1.5 - across, 0.0, 1.0);
-    doubts[b] = static_cast<std::int32_t>(std::lround(cost * doubt));
+  for (std::size_t b = 0; b < n; ++b) {
+    const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
+    const double fast = std::clamp((std::max(dx, dy) - 4.0) / 4.0, 0.0, 1.0);
+    const double straight = std::clamp(1.5 - std::min(dx, dy), 0.0, 1.0);
+    doubts[b] = static_cast<std::int32_t>(std::lround(cost * fast * straight));
   }
   return doubts;
 }

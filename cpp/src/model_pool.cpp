@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 
+#include "emseg/axis_doubt.hpp"
 #include "emseg/count_image.hpp"
 #include "emseg/model_selection.hpp"
 #include "emseg/sampling.hpp"
@@ -57,7 +58,7 @@ std::vector<MotionModel> propose_translations(const PointView& points, std::span
   std::stable_sort(proposals.begin(), proposals.end(), [](const RegionVelocity& a, const RegionVelocity& b) {
     return a.significance > b.significance;
   });
-  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
+  const double window = points.seconds();
   const double apart = options.same_motion / std::max(1e-9, window);  // px/s
   std::vector<RegionVelocity> kept;
   for (const RegionVelocity& proposal : proposals) {
@@ -144,13 +145,24 @@ class PoolSearch {
         label_cost_(std::llround(std::min(1e15, options.lambda_label / std::max(1e-9, options.lambda_data) *
                                                     static_cast<double>(points_.size()) /
                                                     static_cast<double>(points.size())))),
+        window_(points_.view().seconds()),
         grid_(make_block_grid(points_.view(), plane, options.block)),
         count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
-  void add(const std::vector<MotionModel>& models) {
+  void add(const std::vector<MotionModel>& models) { add({models, std::vector<std::uint8_t>(models.size())}); }
+  void add_tracked(const std::vector<MotionModel>& models) {
+    add({models, std::vector<std::uint8_t>(models.size(), 1)});
+  }
+  void add(const ModelPool& candidates) {
+    const auto& models = candidates.models;
     const std::size_t before = models_.size();
     models_.insert(models_.end(), models.begin(), models.end());
+    tracked_.insert(tracked_.end(), candidates.tracked.begin(), candidates.tracked.end());
+    for (const std::uint8_t tracked : candidates.tracked) {
+      label_costs_.push_back(tracked ? std::llround(options_.tracked_share * static_cast<double>(label_cost_))
+                                     : label_cost_);
+    }
     sharpness_.resize(models_.size());
     pool_.for_each(models.size(), [&](std::size_t i, int worker) {
       std::vector<std::uint16_t>& sharpness = sharpness_[before + i];
@@ -168,9 +180,11 @@ class PoolSearch {
     cost_of_ = std::move(cost_of);
     costs_.resize(models_.size());
     pool_.for_each(models_.size() - known, [&](std::size_t i, int) {
-      costs_[known + i] = block_costs(grid_, sharpness_[known + i], cost_of_);
+      const std::size_t m = known + i;
+      const auto doubts = axis_doubts(grid_, models_[m], frame_, window_, options_.axis_doubt);
+      costs_[m] = block_costs(grid_, sharpness_[m], cost_of_, doubts);
     });
-    selection_ = select_models(costs_, label_cost_);
+    selection_ = select_models(costs_, label_costs_);
   }
 
   // Events that no chosen model makes sharp: noise, and what moves in a way not thought of yet.
@@ -186,7 +200,7 @@ class PoolSearch {
   }
 
   // Each chosen model refitted on the events of its blocks, and pairs that are nearly one motion on both's.
-  std::vector<MotionModel> refits() {
+  ModelPool refits() {
     const auto& chosen = selection_.chosen;
     std::vector<Points> members(chosen.size());
     const PointView points = points_.view();
@@ -218,6 +232,8 @@ class PoolSearch {
     }
     const MotionKind kind = richest(options_.kinds);
     std::vector<MotionModel> models(tasks.size());
+    std::vector<std::uint8_t> tracked;
+    for (const Task& task : tasks) tracked.push_back(tracked_[chosen[task.start]]);
     std::vector<std::size_t> sizes;
     for (const auto& [start, other] : tasks)
       sizes.push_back(members[start].size() + (other == start ? 0 : members[other].size()));
@@ -234,7 +250,7 @@ class PoolSearch {
                                           coarse, contrast_workspaces_[static_cast<std::size_t>(worker)]);
       models[i] = scaled(fit.model, 2);
     });
-    return models;
+    return {std::move(models), std::move(tracked)};
   }
 
   std::size_t candidate_count() const { return models_.size(); }
@@ -245,10 +261,13 @@ class PoolSearch {
                        [&](std::size_t m) { return m >= count; });
   }
 
-  std::vector<MotionModel> chosen_models() const {
-    std::vector<MotionModel> models;
-    for (const std::size_t m : selection_.chosen) models.push_back(models_[m]);
-    return models;
+  ModelPool chosen_models() const {
+    ModelPool pool;
+    for (const std::size_t m : selection_.chosen) {
+      pool.models.push_back(models_[m]);
+      pool.tracked.push_back(tracked_[m]);
+    }
+    return pool;
   }
 
  private:
@@ -314,10 +333,13 @@ class PoolSearch {
   const PoolOptions& options_;
   ThreadPool& pool_;
   const std::int64_t label_cost_;
+  const double window_;  // s
   BlockGrid grid_;
   std::vector<CountWorkspace> count_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
   std::vector<MotionModel> models_;
+  std::vector<std::uint8_t> tracked_;                  // per model
+  std::vector<std::int64_t> label_costs_;              // per model
   std::vector<std::vector<std::uint16_t>> sharpness_;  // per model, per point
   std::vector<std::uint8_t> cost_of_;                  // an event, by its sharpness
   std::vector<std::vector<std::int32_t>> costs_;       // per model, per block
@@ -329,15 +351,15 @@ class PoolSearch {
 
 }  // namespace
 
-std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
-                                         const WarpFrame& frame, Region plane, const PoolOptions& options,
-                                         ThreadPool& pool) {
-  if (points.size() == 0) return {make_motion(richest(options.kinds))};
+ModelPool make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
+                          const WarpFrame& frame, Region plane, const PoolOptions& options, ThreadPool& pool) {
+  if (points.size() == 0) return {{make_motion(richest(options.kinds))}, {0}};
   PoolSearch search(points, positive, frame, plane, options, pool);
-  search.add({Translation{}});
+  search.add(std::vector<MotionModel>{Translation{}});
   search.add(options.candidates);
+  search.add_tracked(options.tracked);
   const auto tiles = overlapping_tiles(plane, options.tile);
-  if (options.candidates.empty()) {
+  if (options.candidates.empty() && options.tracked.empty()) {
     auto regions = sub_volumes(plane, options.bracket_row, options.bracket_col);
     regions.insert(regions.end(), tiles.begin(), tiles.end());
     search.add(propose_translations(points, positive, regions, plane, options, pool));
@@ -359,10 +381,10 @@ std::vector<MotionModel> make_model_pool(const PointView& points, std::span<cons
     search.choose();
     if (search.candidate_count() == before || !search.chosen_since(before)) break;
   }
-  std::vector<MotionModel> models = search.chosen_models();
+  ModelPool chosen = search.chosen_models();
   const MotionKind kind = richest(options.kinds);
-  for (MotionModel& model : models) model = convert_motion(model, kind, frame, plane);
-  return models;
+  for (MotionModel& model : chosen.models) model = convert_motion(model, kind, frame, plane);
+  return chosen;
 }
 
 }  // namespace emseg

@@ -24,10 +24,13 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
 }
 
 std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std::uint16_t> sharpness,
-                                      std::span<const std::uint8_t> cost_of) {
+                                      std::span<const std::uint8_t> cost_of,
+                                      std::span<const std::int32_t> doubts) {
   std::vector<std::int32_t> own(grid.count(), 0);
   for (std::size_t k = 0; k < grid.of_event.size(); ++k) {
-    own[static_cast<std::size_t>(grid.of_event[k])] += cost_of[sharpness[k]];
+    const auto b = static_cast<std::size_t>(grid.of_event[k]);
+    own[b] += cost_of[sharpness[k]];
+    if (!doubts.empty()) own[b] += doubts[b];
   }
   std::vector<std::int32_t> costs(grid.count());
   for (int row = 0; row < grid.rows; ++row) {
@@ -69,11 +72,13 @@ std::int64_t total_with(const Costs& minimum, const Costs& candidate) {
                                  minimum.size());  // at most the candidate's own
 }
 
-// The candidate that lowers the total most when added to `minimum`.
-std::pair<std::int64_t, std::size_t> best_addition(const std::vector<Costs>& costs, const Costs& minimum) {
+// The candidate that lowers the total most when added to `minimum`, and the total with its label.
+std::pair<std::int64_t, std::size_t> best_addition(const std::vector<Costs>& costs,
+                                                   std::span<const std::int64_t> label_costs,
+                                                   const Costs& minimum) {
   std::pair<std::int64_t, std::size_t> best{std::numeric_limits<std::int64_t>::max(), 0};
   for (std::size_t m = 0; m < costs.size(); ++m) {
-    const std::int64_t sum = total_with(minimum, costs[m]);
+    const std::int64_t sum = total_with(minimum, costs[m]) + label_costs[m];
     if (sum < best.first) best = {sum, m};
   }
   return best;
@@ -81,15 +86,21 @@ std::pair<std::int64_t, std::size_t> best_addition(const std::vector<Costs>& cos
 
 }  // namespace
 
-Selection select_models(const std::vector<std::vector<std::int32_t>>& costs, std::int64_t label_cost) {
+Selection select_models(const std::vector<std::vector<std::int32_t>>& costs,
+                        std::span<const std::int64_t> label_costs) {
+  const auto labels_of = [&](const std::vector<std::size_t>& chosen) {
+    std::int64_t sum = 0;
+    for (const std::size_t m : chosen) sum += label_costs[m];
+    return sum;
+  };
   Selection selection;
   auto& chosen = selection.chosen;
   std::int64_t cost = std::numeric_limits<std::int64_t>::max();
   for (bool improved = true; improved;) {
     improved = false;
     while (true) {
-      const auto [sum, candidate] = best_addition(costs, minimum_over(costs, chosen));
-      const std::int64_t with = sum + label_cost * static_cast<std::int64_t>(chosen.size() + 1);
+      const auto [sum, candidate] = best_addition(costs, label_costs, minimum_over(costs, chosen));
+      const std::int64_t with = sum + labels_of(chosen);
       if (!(with < cost)) break;
       chosen.push_back(candidate);
       cost = with;
@@ -99,9 +110,9 @@ Selection select_models(const std::vector<std::vector<std::int32_t>>& costs, std
       std::vector<std::size_t> rest = chosen;
       rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
       const Costs without = minimum_over(costs, rest);
-      const std::int64_t dropped = total(without) + label_cost * static_cast<std::int64_t>(rest.size());
-      const auto [sum, candidate] = best_addition(costs, without);
-      const std::int64_t swapped = sum + label_cost * static_cast<std::int64_t>(chosen.size());
+      const std::int64_t dropped = total(without) + labels_of(rest);
+      const auto [sum, candidate] = best_addition(costs, label_costs, without);
+      const std::int64_t swapped = sum + labels_of(rest);
       if (std::min(dropped, swapped) < cost) {
         if (swapped < dropped) rest.push_back(candidate);
         cost = std::min(dropped, swapped);

@@ -34,7 +34,7 @@ class EventPairs {
         columns_((plane.width + velocity_tile - 1) / velocity_tile),
         rows_((plane.height + velocity_tile - 1) / velocity_tile),
         first_(points.dt.front()),
-        window_(static_cast<double>(points.dt.back()) - first_),
+        window_(points.seconds()),
         events_in_tile_(tile_count(), 0) {
     for (const std::size_t k : even_sample(points.size(), max_events)) {
       const int x = std::clamp(static_cast<int>(points.x[k]) - plane.x0, 0, plane.width - 1);
@@ -181,7 +181,7 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
                                                                 ThreadPool& pool) {
   std::vector<std::vector<RegionVelocity>> found(regions.size());
   if (points.size() < 2) return found;
-  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
+  const double window = points.seconds();
   if (!(window > 0)) return found;
 
   const EventPairs pairs(points, positive, plane, options.max_events);

@@ -138,6 +138,10 @@ void SegmenterOptions::check() const {
   if (lambda_label) rounded_cost(*lambda_label, "lambda_label");
   require(lambda_label_per_event >= 0 && lambda_label_per_event <= 1e6,
           "lambda_label_per_event must be 0..1e6");
+  require(tracked_share >= 0 && tracked_share <= 1,
+          "tracked_share is " + std::to_string(tracked_share) + ", expected 0..1");
+  require(axis_doubt >= 0 && axis_doubt <= 255,
+          "axis_doubt is " + std::to_string(axis_doubt) + ", expected 0..255");
   require(bracket_row >= 1 && bracket_row <= 64,
           "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
   require(bracket_col >= 1 && bracket_col <= 64,
@@ -182,6 +186,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   check_events(events, size_);
   require_finite(prior.pool);
   require_finite(prior.candidates);
+  require_finite(prior.tracked);
   Segmentation result;
   StageClock clock(result.timings);
   const std::size_t n = events.size();
@@ -208,8 +213,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const double label_cost =
       share * (options_.lambda_label ? *options_.lambda_label
                                      : options_.lambda_label_per_event * static_cast<double>(n));
-  std::vector<MotionModel> models = prior.pool;
-  if (models.empty()) {
+  ModelPool models{prior.pool, std::vector<std::uint8_t>(prior.pool.size())};
+  if (models.models.empty()) {
     PoolOptions pool;
     pool.bracket_row = options_.bracket_row;
     pool.bracket_col = options_.bracket_col;
@@ -219,8 +224,11 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.term = options_.data_term;
     pool.lambda_data = options_.lambda_data;
     pool.lambda_label = label_cost;
+    pool.tracked_share = options_.tracked_share;
+    pool.axis_doubt = options_.axis_doubt;
     pool.sigma = options_.sigma;
     pool.candidates = prior.candidates;
+    pool.tracked = prior.tracked;
     models = make_model_pool(points, sample.events().p, frame_, plane_, pool, pool_);
   }
   clock.lap("model_pool");
@@ -231,13 +239,18 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   alternation_options.lambda_data = options_.lambda_data;
   alternation_options.smooth_cost = rounded_cost(options_.lambda_smooth, "lambda_smooth");
   alternation_options.label_cost = std::llround(label_cost);
+  for (const std::uint8_t tracked : models.tracked) {
+    alternation_options.label_costs.push_back(
+        std::llround(tracked ? options_.tracked_share * label_cost : label_cost));
+  }
+  alternation_options.axis_doubt = options_.axis_doubt;
   alternation_options.kinds = options_.kinds;
   alternation_options.refine = refine;
   alternation_options.sigma = options_.sigma;
   alternation_options.iterations = options_.num_iter_segmentation;
   alternation_options.sweeps = options_.num_iter_labeling;
   alternation_options.labelling = options_.labelling;
-  Alternation alternation(points, graph, frame_, plane_, std::move(models), alternation_options, pool_,
+  Alternation alternation(points, graph, frame_, plane_, std::move(models.models), alternation_options, pool_,
                           expansion_workspace_, clock);
   alternation.run();
 

@@ -111,7 +111,7 @@ std::vector<FoundVelocity> find_velocities(const PointView& points, std::span<co
                                            Region plane, double max_speed, std::size_t max_events) {
   std::vector<FoundVelocity> found;
   if (points.size() < 2) return found;
-  const double window = static_cast<double>(points.dt.back()) - points.dt.front();
+  const double window = points.seconds();
   if (!(window > 0)) return found;
   std::vector<double> lags{window / 2};
   constexpr std::size_t most_lags = 16;

@@ -328,6 +328,7 @@ class SegmenterOptions:
         lambda_data: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 30.0,
         lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        axis_doubt: typing.SupportsFloat | typing.SupportsIndex = 30.0,
         polarity: str = "opposed",
         footprint: str = "scattered",
         flicker: str = "left_out",
@@ -354,6 +355,8 @@ class SegmenterOptions:
     def affine_theta_max(self) -> float: ...
     @property
     def affine_trans2d_max(self) -> float: ...
+    @property
+    def axis_doubt(self) -> float: ...
     @property
     def bracket_col(self) -> int: ...
     @property
@@ -449,6 +452,9 @@ class Segmenter:
             tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
         ] = [],
         candidates: collections.abc.Sequence[
+            tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
+        ] = [],
+        tracked: collections.abc.Sequence[
             tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
         ] = [],
     ) -> Segmentation:

@@ -95,6 +95,12 @@ class Config:
         least=0,
         most=1e12,
     )
+    axis_doubt: float = number(
+        30.0,
+        "Cost of an event by a motion along the columns or rows of pixels, which straight edges feign",
+        least=0,
+        most=255,
+    )
     polarity: Polarity = choice(
         "opposed",
         "Whether rising and falling events take each other away in images of events, or count alike",

@@ -14,6 +14,7 @@ __all__ = ["PRESETS"]
 _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
     "background": "widest",
+    "axis_doubt": 0.0,
     "polarity": "ignored",
     "footprint": "point",
     "flicker": "kept",

@@ -243,7 +243,7 @@ def appearance(part: Part, window: Window) -> Features:
 
 
 def _beyond(part: Part, events: EventArray, along: npt.NDArray[np.float64]) -> float:
-    own = _some_events(events, part, 4000)
+    own = events[part.own[np.linspace(0, len(part.own) - 1, min(len(part.own), 4000)).astype(np.intp)]]
     distance = float(np.linalg.norm(along))
     e = along / distance
     across = np.array([-e[1], e[0]])

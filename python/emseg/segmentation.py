@@ -67,6 +67,7 @@ def engine_options(config: Config) -> _core.SegmenterOptions:
         polarity=config.polarity,
         footprint=config.footprint,
         flicker=config.flicker,
+        axis_doubt=config.axis_doubt,
         labelling=config.labelling,
         sigma=config.sigma,
         max_events=config.max_events_per_window,
@@ -262,11 +263,14 @@ class Segmenter:
         *,
         pool: Sequence[MotionModel] = (),
         candidates: Sequence[MotionModel] = (),
+        tracked: Sequence[MotionModel] = (),
         t_ref: int | None = None,
     ) -> Segmentation:
         """As `segment`, but labels are motions: label 0 is the most widely spread, and no part is judged."""
         self._check_sensor(events)
-        return self._segment_by(self._engine, events, pool=pool, candidates=candidates, t_ref=t_ref)
+        return self._segment_by(
+            self._engine, events, pool=pool, candidates=candidates, tracked=tracked, t_ref=t_ref
+        )
 
     def tracker(self, *, least_evidence: float = 0.0) -> Tracker:
         """What makes objects of the motions of successive windows; see Tracker."""
@@ -322,6 +326,7 @@ class Segmenter:
         *,
         pool: Sequence[MotionModel] = (),
         candidates: Sequence[MotionModel] = (),
+        tracked: Sequence[MotionModel] = (),
         t_ref: int | None = None,
     ) -> Segmentation:
         found = engine.segment(
@@ -332,6 +337,7 @@ class Segmenter:
             t_ref,
             [model.native() for model in pool],
             [model.native() for model in candidates],
+            [model.native() for model in tracked],
         )
         models = [
             MotionModel(kind, params, label)  # type: ignore[arg-type]
@@ -374,7 +380,7 @@ class Segmenter:
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
-        known: Sequence[MotionModel] = ()
+        known: dict[str, list[MotionModel]] = {}
         # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
         # found, whatever the number of threads, so that the labels do not depend on it.
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
@@ -383,14 +389,14 @@ class Segmenter:
                 if len(running) == _WINDOWS_AT_A_TIME:
                     start, future = running.popleft()
                     found = future.result()
-                    known = found.models
                     objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
+                    known = known_motions(found, objects)
                     if wanted is not None:
                         wanted = next_duration(found.duration, objects)
                     done = found.relabelled(objects, start=start)
                 window = buffer.take(self.window_size(buffer, wanted))
                 if len(window):
-                    task = executor.submit(self._segment_by, next(engines), window, candidates=known)
+                    task = executor.submit(self._segment_by, next(engines), window, **known)
                     running.append((buffer.taken - len(window), task))
                 if done is not None:
                     yield done
@@ -430,6 +436,15 @@ class Segmenter:
         if self.config.window_duration is not None:
             return buffer.count_to_multiple(max(1, round(self.config.window_duration * 1e6)))
         return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
+
+
+def known_motions(found: Segmentation, objects: Objects) -> dict[str, list[MotionModel]]:
+    """What a later window may start from, as `find_motions` takes it: motions of objects, and the others."""
+    moving = [model.native() for model in objects.part_models[1:]]
+    known: dict[str, list[MotionModel]] = {"candidates": [], "tracked": []}
+    for model in found.models:
+        known["tracked" if model.native() in moving else "candidates"].append(model)
+    return known
 
 
 def segment(

@@ -19,6 +19,7 @@ SegmenterOptions published_images(SegmenterOptions options) {
   options.polarity = Polarity::ignored;
   options.footprint = Footprint::point;
   options.flicker = Flicker::kept;
+  options.axis_doubt = 0;
   options.sigma = 1;
   return options;
 }

@@ -21,6 +21,7 @@ AS_PUBLISHED: dict[str, Any] = {
     "footprint": "point",
     "flicker": "kept",
     "background": "widest",
+    "axis_doubt": 0.0,
     "sigma": 1.0,
 }
 KINDS = list(reference.DEGREES_OF_FREEDOM)

@@ -133,6 +133,7 @@ def test_published_files_are_read(tmp_path: Path) -> None:
         "footprint": "point",
         "flicker": "kept",
         "background": "widest",
+        "axis_doubt": 0.0,
         "sigma": 1.0,
     }
     assert replace(config, **their_own) == Config.preset("eed/fast_drone")

@@ -8,6 +8,7 @@
 
 #include "emseg/band_expansion.hpp"
 #include "emseg/data_term.hpp"
+#include "emseg/model_selection.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/stage_clock.hpp"
 
@@ -28,8 +29,10 @@ struct AlternationOptions {
   double lambda_data = 1;
   std::int32_t smooth_cost = 30;                          // lambda_P
   std::int64_t label_cost = 8000;                         // lambda_M
+  std::vector<std::int64_t> label_costs;                  // of the models given, where they differ
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
+  double axis_doubt = 0;    // cost of an event by a motion along an axis (axis_doubt.hpp)
   double sigma = 1;         // blur of the data term's images, px
   int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
   double tolerance = 1e-3;  // share of the energy: what falls less has stopped falling
@@ -68,7 +71,8 @@ class Alternation {
   bool refit();
   bool members_changed(std::size_t label) const;
   void evaluate(const MotionModel& model, int worker, ModelSupport& support);
-  void evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const;
+  void evaluate_costs(const MotionModel& model, const ModelSupport& support,
+                      std::vector<std::int32_t>& costs) const;
   double reference_with(std::size_t label, const ModelSupport& support) const;
   std::int64_t data_cost() const;
   void set_reference(double reference);
@@ -87,6 +91,8 @@ class Alternation {
   const std::vector<float> taps_;
   std::vector<IweWorkspace> support_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
+
+  const BlockGrid doubt_grid_;
 
   std::vector<MotionModel> models_;
   std::vector<ModelSupport> supports_;

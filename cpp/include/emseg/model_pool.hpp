@@ -18,6 +18,8 @@ struct PoolOptions {
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
   double lambda_label = 8000;
+  double tracked_share = 1;  // of lambda_label, that a tracked model costs
+  double axis_doubt = 0;     // cost of an event by a motion along an axis (axis_doubt.hpp), as the data term's
   double sigma = 1;          // blur of the data term's images, px
   int block = 8;             // side of the blocks that models are chosen over, px
   int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
@@ -27,6 +29,12 @@ struct PoolOptions {
   std::size_t max_refit_events = 2000;  // used of a model's
   int max_rounds = 2;                   // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
+  std::vector<MotionModel> tracked;     // further ones, of objects that are known to be there
+};
+
+struct ModelPool {
+  std::vector<MotionModel> models;
+  std::vector<std::uint8_t> tracked;  // per model: one of the tracked, or a refit of one
 };
 
 // Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it
@@ -37,8 +45,7 @@ std::vector<Region> sub_volumes(Region plane, int bracket_row, int bracket_col);
 // model. The candidates of all sub-volumes come from one pass over pairs of events; a greedy facility
 // location over blocks of the image chooses among them; the chosen are refitted, alone and in pairs, on the
 // events of their blocks and chosen again. Never empty.  Deterministic for any number of threads.
-std::vector<MotionModel> make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
-                                         const WarpFrame& frame, Region plane, const PoolOptions& options,
-                                         ThreadPool& pool);
+ModelPool make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
+                          const WarpFrame& frame, Region plane, const PoolOptions& options, ThreadPool& pool);
 
 }  // namespace emseg

@@ -24,9 +24,11 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block);
 
 // Cost of explaining each block's events by one model, with half of each neighbour's added: what is next to
 // a motion tends to share it, as the Potts term will say later.  A mean, so that costs stay those of a
-// block's worth of events.  `cost_of` gives an event's cost by its `sharpness`.
+// block's worth of events.  `cost_of` gives an event's cost by its `sharpness`; `doubts`, where there are any,
+// what every event of a block costs more.
 std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std::uint16_t> sharpness,
-                                      std::span<const std::uint8_t> cost_of);
+                                      std::span<const std::uint8_t> cost_of,
+                                      std::span<const std::int32_t> doubts = {});
 
 struct Selection {
   std::vector<std::size_t> chosen;     // candidates, in the order of their choice
@@ -34,9 +36,10 @@ struct Selection {
   std::int64_t cost = 0;
 };
 
-// Minimises sum_b min_{m chosen} costs[m][b] + label_cost |chosen| by adding, dropping and swapping
+// Minimises sum_b min_{m chosen} costs[m][b] + sum_{m chosen} label_costs[m] by adding, dropping and swapping
 // candidates as long as that pays.  At least one is chosen.
 // Each candidate's costs are >= 0 and add up to less than 2^31.
-Selection select_models(const std::vector<std::vector<std::int32_t>>& costs, std::int64_t label_cost);
+Selection select_models(const std::vector<std::vector<std::int32_t>>& costs,
+                        std::span<const std::int64_t> label_costs);
 
 }  // namespace emseg

@@ -224,6 +224,8 @@ struct PointView {
   std::span<const float> sign = {};  // 1 or -1, of the polarity; empty: all count alike
 
   std::size_t size() const { return dt.size(); }
+  // From the first point to the last; there is one.
+  double seconds() const { return static_cast<double>(dt.back()) - dt.front(); }
 };
 
 struct Points {

@@ -44,6 +44,8 @@ struct SegmenterOptions {
   double lambda_smooth = 30;           // Potts cost of an edge between two labels
   std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
   double lambda_label_per_event = 0.4;
+  double tracked_share = 0.35;  // of the cost of a label, that a tracked object's costs (WindowPrior)
+  double axis_doubt = 30;       // what an event costs more by a motion along an axis (axis_doubt.hpp)
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
   Flicker flicker = Flicker::left_out;
@@ -82,6 +84,7 @@ struct WindowPrior {
   std::optional<std::int64_t> t_ref;    // us; none: the middle of the window
   std::vector<MotionModel> pool;        // the model pool; none: searched for
   std::vector<MotionModel> candidates;  // further candidates of the search, such as the last window's models
+  std::vector<MotionModel> tracked;     // and those of objects that are known to be there
 };
 
 // Calls from several threads take turns.
