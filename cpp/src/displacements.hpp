@@ -29,11 +29,11 @@ std::vector<DisplacementPeak> peaks_of(const Displacements<Count>& counts, int l
   const auto index = [](int dx, int dy) {
     return static_cast<std::size_t>((dy + reach) * patch_columns + dx + reach);
   };
-  double mean = 0;
+  std::uint64_t total = 0;  // exact, and not one addition after the other
   for (int dy = -reach; dy <= reach; ++dy) {
-    for (int dx = -reach; dx <= reach; ++dx) mean += counts[index(dx, dy)];
+    for (int dx = -reach; dx <= reach; ++dx) total += counts[index(dx, dy)];
   }
-  mean /= (2 * reach + 1) * (2 * reach + 1);
+  const double mean = static_cast<double>(total) / ((2 * reach + 1) * (2 * reach + 1));
   limit = std::min(limit, reach - 1);
   const double chance = std::sqrt(9 * mean + 1);
   // The highest of nine has at least a ninth of what they need.

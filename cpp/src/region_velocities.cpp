@@ -213,15 +213,14 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
   std::vector<std::vector<DisplacementPeak>> peaks(regions.size() * lags.size());
   pool.for_each(regions.size(), [&](std::size_t r, int) {
     if (pairs.events_in(rects[r]) < least_events) return;
+    const auto add_counts = kernels().add_counts;
     for (std::size_t j = 0; j < lags.size(); ++j) {
       Displacements<std::uint32_t> sum{};
       for (int row = rects[r].top; row < rects[r].bottom; ++row) {
         for (int column = rects[r].left; column < rects[r].right; ++column) {
           const std::size_t first = static_cast<std::size_t>(row * pairs.columns() + column) * patch_size;
-          const std::uint16_t* const negative_votes = votes[2 * j].data() + first;
-          const std::uint16_t* const positive_votes = votes[2 * j + 1].data() + first;
-          for (std::size_t i = 0; i < patch_size; ++i)
-            sum[i] += static_cast<std::uint32_t>(negative_votes[i]) + positive_votes[i];
+          add_counts(votes[2 * j].data() + first, patch_size, sum.data());
+          add_counts(votes[2 * j + 1].data() + first, patch_size, sum.data());
         }
       }
       const int limit = static_cast<int>(std::min<double>(reach, std::ceil(options.max_speed * lags[j]) + 1));

@@ -21,16 +21,16 @@ inline const MotionModel scene_motion = Translation{{110, 45}};
 inline const MotionModel object_motion = Translation{{-180, 90}};
 
 // A moving camera's scene and an object before it; 0 and 1 in `source`.
-inline const EventColumns& two_motions() {
-  static const EventColumns events = [] {
+inline const RecordedEvents& two_motions() {
+  static const RecordedEvents events = [] {
     const WarpFrame frame = make_warp_frame(sensor);
-    EventColumns recorded_events = recorded(moving_dots({{scene_motion, {-10, -10, 180, 45}, 150, 12},
-                                                         {scene_motion, {-10, 85, 180, 45}, 150, 12},
-                                                         {scene_motion, {-10, 30, 66, 60}, 80, 12},
-                                                         {scene_motion, {104, 30, 66, 60}, 80, 12},
-                                                         {object_motion, {60, 40, 40, 40}, 110, 12}},
-                                                        frame, 0.04, 1),
-                                            sensor, t_middle);
+    RecordedEvents recorded_events = recorded(moving_dots({{scene_motion, {-10, -10, 180, 45}, 150, 12},
+                                                           {scene_motion, {-10, 85, 180, 45}, 150, 12},
+                                                           {scene_motion, {-10, 30, 66, 60}, 80, 12},
+                                                           {scene_motion, {104, 30, 66, 60}, 80, 12},
+                                                           {object_motion, {60, 40, 40, 40}, 110, 12}},
+                                                          frame, 0.04, 1),
+                                              sensor, t_middle);
     for (std::int32_t& source : recorded_events.source) source = source == 4;
     return recorded_events;
   }();
@@ -44,7 +44,7 @@ inline SegmenterOptions quiet_options(int threads = 2) {
   return options;
 }
 
-inline Segmentation segmented(const EventColumns& events, const SegmenterOptions& options,
+inline Segmentation segmented(const RecordedEvents& events, const SegmenterOptions& options,
                               const WindowPrior& prior = {}, ImageSize size = sensor) {
   Segmenter segmenter(size, std::nullopt, options);
   return segmenter.segment(events.view(), prior);

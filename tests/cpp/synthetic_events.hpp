@@ -80,7 +80,7 @@ inline Scene moving_dots(const std::vector<Dots>& sources, const WarpFrame& fram
 }
 
 // A recording: whole pixels and microseconds, with the motion that made each event.
-struct EventColumns {
+struct RecordedEvents {
   std::vector<std::uint16_t> x, y;
   std::vector<std::int64_t> t;
   std::vector<std::uint8_t> p;
@@ -98,8 +98,8 @@ struct EventColumns {
 };
 
 // What a sensor sees of a scene whose dt = 0 is at `t_ref` (us); dots outside are not seen.
-inline EventColumns recorded(const Scene& scene, ImageSize size, std::int64_t t_ref) {
-  EventColumns events;
+inline RecordedEvents recorded(const Scene& scene, ImageSize size, std::int64_t t_ref) {
+  RecordedEvents events;
   for (std::size_t k = 0; k < scene.size(); ++k) {
     const long x = std::lround(scene.points.x[k]), y = std::lround(scene.points.y[k]);
     if (x < 0 || y < 0 || x >= size.width || y >= size.height) continue;

@@ -20,7 +20,7 @@ const MotionModel scene_motion = Similarity{{110, 45, 0.2, -0.1}};
 const MotionModel object_motion = Similarity{{-180, 90, 0, 0}};
 
 struct Window {
-  EventColumns events;
+  RecordedEvents events;
   Points points;
   PixelGraph graph;
 

@@ -54,7 +54,7 @@ struct OnEvents {
   }
 };
 
-PixelGraph graph_of(const EventColumns& events, ImageSize size) {
+PixelGraph graph_of(const RecordedEvents& events, ImageSize size) {
   return build_pixel_graph(events.view(), size);
 }
 
@@ -62,7 +62,7 @@ OwnedWindow random_window(std::mt19937& random) {
   OwnedWindow window;
   const auto upto = [&random](std::uint32_t most) { return static_cast<int>(random() % (most + 1)); };
   window.size = {1 + upto(19), 1 + upto(19)};
-  EventColumns events;
+  RecordedEvents events;
   for (int k = upto(200); k >= 0; --k)
     events.add(upto(window.size.width - 1), upto(window.size.height - 1), 0);
   window.graph = graph_of(events, window.size);
@@ -91,7 +91,7 @@ struct Disc {
 OwnedWindow scene(const std::vector<Disc>& discs, int events, ImageSize size, int labels, std::uint32_t seed,
                   std::vector<std::int32_t>& truth) {
   std::mt19937 random(seed);
-  EventColumns columns;
+  RecordedEvents columns;
   for (int k = 0; k < events; ++k) {
     // Contours: events crowd along wavy lines, as those of textures do.
     double x = uniform(random, 0, size.width - 1);
@@ -245,7 +245,7 @@ TEST_CASE("windows without events and with one") {
   ExpansionWorkspace workspace;
   CHECK(BandExpansion(window.graph, workspace).minimise(View(window)).labels.empty());
   CHECK(BandExpansion(window.graph, workspace).minimise(View(window)).energy == 0);
-  EventColumns events;
+  RecordedEvents events;
   events.add(3, 4, 0);
   window.graph = graph_of(events, {8, 8});
   window.unary = {{9}, {2}};
@@ -256,7 +256,7 @@ TEST_CASE("windows without events and with one") {
 
 TEST_CASE("bad problems are refused") {
   OwnedWindow good;
-  EventColumns events;
+  RecordedEvents events;
   for (int k = 0; k < 6; ++k) events.add(k % 3, k / 3, k);
   good.graph = graph_of(events, {8, 8});
   good.unary.assign(2, std::vector<std::int32_t>(6, 1));

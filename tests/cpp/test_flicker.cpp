@@ -22,9 +22,9 @@ struct Timed {
   std::int32_t source;
 };
 
-EventColumns sorted(std::vector<Timed> events) {
+RecordedEvents sorted(std::vector<Timed> events) {
   std::stable_sort(events.begin(), events.end(), [](const Timed& a, const Timed& b) { return a.t < b.t; });
-  EventColumns columns;
+  RecordedEvents columns;
   for (const Timed& event : events) columns.add(event.x, event.y, event.t, 1, event.source);
   return columns;
 }
@@ -44,7 +44,7 @@ std::vector<Timed> moving_edges(std::mt19937& random, int count, std::int64_t du
 }
 
 // Of the events of a source, the share that is called flicker.
-double share_found(const EventColumns& events, std::int32_t source) {
+double share_found(const RecordedEvents& events, std::int32_t source) {
   const auto flicker = find_flicker(events.view(), sensor);
   REQUIRE(flicker.size() == events.size());
   double found = 0, all = 0;
@@ -56,7 +56,7 @@ double share_found(const EventColumns& events, std::int32_t source) {
   return found / std::max(all, 1.0);
 }
 
-bool any_found(const EventColumns& events) { return share_found(events, 0) + share_found(events, 1) > 0; }
+bool any_found(const RecordedEvents& events) { return share_found(events, 0) + share_found(events, 1) > 0; }
 
 }  // namespace
 
@@ -68,7 +68,7 @@ TEST_CASE("bursts all over the view are found, and what moves between them is no
     for (int k = 0; k < 2500; ++k)
       events.push_back({below(random, 240), below(random, 180), begin + below(random, 600), 1});
   }
-  const EventColumns recorded_events = sorted(std::move(events));
+  const RecordedEvents recorded_events = sorted(std::move(events));
   CHECK(share_found(recorded_events, 1) > 0.95);
   // Bins of 300 us that hold a part of a burst: three at the most of each.
   CHECK(share_found(recorded_events, 0) <= 4 * 3 * 300 / 40'000.0 * 1.1);
@@ -80,7 +80,7 @@ TEST_CASE("a bin is flicker as a whole or not at all") {
   events.push_back({0, 0, 0, 0});  // where bins begin
   for (int k = 0; k < 3000; ++k)
     events.push_back({below(random, 240), below(random, 180), 20'100 + below(random, 900), 1});
-  const EventColumns recorded_events = sorted(std::move(events));
+  const RecordedEvents recorded_events = sorted(std::move(events));
   const auto flicker = find_flicker(recorded_events.view(), sensor);
   // 20 100 us is where bin 67 begins.
   for (std::size_t k = 0; k < flicker.size(); ++k)
@@ -120,7 +120,7 @@ TEST_CASE("what is steady is no flicker, whatever its rate") {
 }
 
 TEST_CASE("windows of next to nothing, and times as far apart as 64 bits allow, hold no flicker") {
-  EventColumns events;
+  RecordedEvents events;
   CHECK(find_flicker(events.view(), sensor).empty());
   events.add(3, 4, std::numeric_limits<std::int64_t>::min());
   CHECK(!any_found(events));
@@ -128,7 +128,7 @@ TEST_CASE("windows of next to nothing, and times as far apart as 64 bits allow, 
   for (int k = 0; k < 2000; ++k)
     events.add(k % 240, k % 180, std::numeric_limits<std::int64_t>::max() - 2000 + k);
   CHECK(!any_found(events));
-  EventColumns one_time;
+  RecordedEvents one_time;
   for (int k = 0; k < 2000; ++k) one_time.add(k % 240, k % 180, 77);
   CHECK(!any_found(one_time));
 }

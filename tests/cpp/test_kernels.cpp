@@ -259,6 +259,22 @@ TEST_CASE("sums of minima are those of the smaller elements") {
   }
 }
 
+TEST_CASE("counts are added up in wider numbers") {
+  std::mt19937 random(11);
+  for (const SimdLevel level : simd_levels()) {
+    for (const std::size_t n : sizes) {
+      std::vector<std::uint16_t> counts(n);
+      std::vector<std::uint32_t> sums(n + 1, 65'535), expected = sums;  // the last is not to be touched
+      for (std::size_t i = 0; i < n; ++i) {
+        counts[i] = static_cast<std::uint16_t>(random());
+        expected[i] += counts[i];
+      }
+      kernels_at(level).add_counts(counts.data(), n, sums.data());
+      CHECK(sums == expected);
+    }
+  }
+}
+
 TEST_CASE("filters and sums have the same bits on every level") {
   std::mt19937 random(3);
   for (const int radius : {0, 1, 2, 4, 7, 8, 9, 20}) {

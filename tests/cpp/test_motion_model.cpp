@@ -342,7 +342,7 @@ TEST_CASE("a motion that a kind does not contain becomes its nearest") {
 TEST_CASE("points are where the lens did not bend them, in seconds from t_ref, however far apart") {
   constexpr std::int64_t earliest = std::numeric_limits<std::int64_t>::min();
   constexpr std::int64_t latest = std::numeric_limits<std::int64_t>::max();
-  EventColumns events;
+  RecordedEvents events;
   events.add(2, 1, earliest);
   events.add(0, 0, -1500000);
   events.add(1, 1, 250);
@@ -358,7 +358,7 @@ TEST_CASE("points are where the lens did not bend them, in seconds from t_ref, h
   CHECK(table_points.x == std::vector<float>{15, 10, 14, 12});
   CHECK(table_points.y == std::vector<float>{25, 20, 24, 22});
   // Far from zero, microseconds still count.
-  EventColumns late;
+  RecordedEvents late;
   late.add(0, 0, latest - 3);
   CHECK(make_points(late.view(), latest).dt.front() == -3e-6f);
 }

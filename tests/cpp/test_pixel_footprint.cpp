@@ -14,9 +14,9 @@ using namespace emseg::testing;
 namespace {
 
 // Events all over a sensor, later ones no earlier.
-EventColumns random_events(std::uint32_t seed, int count) {
+RecordedEvents random_events(std::uint32_t seed, int count) {
   std::mt19937 random(seed);
-  EventColumns events;
+  RecordedEvents events;
   std::int64_t t = -1'000'000;
   for (int k = 0; k < count; ++k) {
     t += static_cast<std::int64_t>(random() % 3);
@@ -26,7 +26,7 @@ EventColumns random_events(std::uint32_t seed, int count) {
   return events;
 }
 
-Points scattered(const EventColumns& events, std::int64_t t_ref = 0) {
+Points scattered(const RecordedEvents& events, std::int64_t t_ref = 0) {
   Points points = make_points(events.view(), t_ref);
   scatter_over_pixels(events.view(), t_ref, points);
   return points;
@@ -37,7 +37,7 @@ struct Moments {
   double mean_x = 0, mean_y = 0, square_x = 0, square_y = 0, product = 0;
 };
 
-Moments moments_of(const EventColumns& events) {
+Moments moments_of(const RecordedEvents& events) {
   const Points points = scattered(events);
   Moments sum;
   const auto n = static_cast<double>(events.size());
@@ -64,7 +64,7 @@ void check_uniform(const Moments& found, double n) {
 }  // namespace
 
 TEST_CASE("events stay on their pixels, and in their times") {
-  const EventColumns events = random_events(1, 50'000);
+  const RecordedEvents events = random_events(1, 50'000);
   const Points before = make_points(events.view(), 0), after = scattered(events);
   REQUIRE(after.size() == events.size());
   CHECK(after.dt == before.dt);
@@ -78,7 +78,7 @@ TEST_CASE("events stay on their pixels, and in their times") {
 TEST_CASE("places are uniform over the pixel: over events anywhere, along a row, a column and in time") {
   constexpr int n = 40'000;
   check_uniform(moments_of(random_events(2, n)), n);
-  EventColumns one_pixel, one_time;
+  RecordedEvents one_pixel, one_time;
   for (int k = 0; k < n; ++k) {
     one_pixel.add(17, 40, k);
     one_time.add(k % 200, k / 200, 123'456'789);
@@ -88,7 +88,7 @@ TEST_CASE("places are uniform over the pixel: over events anywhere, along a row,
 }
 
 TEST_CASE("an event goes the same way in whatever part of a window it comes, and by any clock") {
-  const EventColumns events = random_events(3, 1000);
+  const RecordedEvents events = random_events(3, 1000);
   const Points all = scattered(events);
   CHECK(scattered(events).x == all.x);
   Points part = make_points(events.view().slice(300, 700), 0);
@@ -98,7 +98,7 @@ TEST_CASE("an event goes the same way in whatever part of a window it comes, and
     REQUIRE(part.y[k] == all.y[300 + k]);
   }
   for (const std::int64_t shift : {std::int64_t{1}, std::int64_t{-12'345}, INT64_MAX - 1'000'000}) {
-    EventColumns shifted = events;
+    RecordedEvents shifted = events;
     for (std::int64_t& t : shifted.t) t += shift;
     const Points there = scattered(shifted, shift);
     CHECK(there.x == all.x);
@@ -109,7 +109,7 @@ TEST_CASE("an event goes the same way in whatever part of a window it comes, and
 
 TEST_CASE("events go ways of their own") {
   // Neighbours in place and time, and the ends of what columns hold.
-  EventColumns events;
+  RecordedEvents events;
   for (int k = 0; k < 4000; ++k) events.add(k % 20, k / 20 % 20, k / 400);
   events.add(65'535, 65'535, INT64_MAX);
   const Points points = scattered(events);

@@ -24,14 +24,14 @@ SegmenterOptions published_images(SegmenterOptions options) {
   return options;
 }
 
-double accuracy(const Segmentation& result, const EventColumns& events) {
+double accuracy(const Segmentation& result, const RecordedEvents& events) {
   double right = 0;
   for (std::size_t k = 0; k < events.size(); ++k) right += result.labels[k] == events.source[k];
   return right / static_cast<double>(events.size());
 }
 
 // The energy of a result, written out: data, edges between labels, labels used.
-std::int64_t written_out_energy(const Segmentation& result, const EventColumns& events,
+std::int64_t written_out_energy(const Segmentation& result, const RecordedEvents& events,
                                 const SegmenterOptions& options) {
   const WarpFrame frame = make_warp_frame(sensor);
   Points points = make_points(events.view(), result.t_ref);
@@ -84,7 +84,7 @@ bool same(const Segmentation& a, const Segmentation& b) {
 }  // namespace
 
 TEST_CASE("a scene and an object before it are told apart") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   const WarpFrame frame = make_warp_frame(sensor);
   for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
     SegmenterOptions options = quiet_options();
@@ -100,7 +100,7 @@ TEST_CASE("a scene and an object before it are told apart") {
 }
 
 TEST_CASE("the energy is that of its definition, and never rose") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
     for (const bool rich : {false, true}) {
       SegmenterOptions options = quiet_options();
@@ -122,7 +122,7 @@ TEST_CASE("the energy is that of its definition, and never rose") {
 }
 
 TEST_CASE("large windows are estimated on an even sample and extended to all events") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   const WarpFrame frame = make_warp_frame(sensor);
   const Points points = make_points(events.view(), t_middle);
   for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
@@ -149,14 +149,14 @@ TEST_CASE("large windows are estimated on an even sample and extended to all eve
 }
 
 TEST_CASE("a thinned window is its sample's, and the sample keeps its labels") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   SegmenterOptions options = quiet_options();
   options.max_events = events.size() / 3;
   options.lambda_label = 900;
   WindowPrior prior;
   prior.t_ref = t_middle;
   const Segmentation thinned = segmented(events, options, prior);
-  EventColumns sample;
+  RecordedEvents sample;
   const auto sampled = even_sample(events.size(), options.max_events);
   for (const std::size_t k : sampled)
     sample.add(events.x[k], events.y[k], events.t[k], events.p[k], events.source[k]);
@@ -171,7 +171,7 @@ TEST_CASE("a thinned window is its sample's, and the sample keeps its labels") {
 }
 
 TEST_CASE("as many events as are allowed are all taken") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   SegmenterOptions options;
   options.max_events = SegmenterOptions::all_events;
   const Segmentation all = segmented(events, options);
@@ -191,7 +191,7 @@ TEST_CASE("as many events as are allowed are all taken") {
 TEST_CASE("labels are ordered: background, then objects by their events; none is without") {
   SegmenterOptions options = quiet_options();
   options.lambda_label = 0;
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   const Segmentation result = segmented(events, options);
   check_sound(result, events.size());
   std::vector<int> counts(result.models.size(), 0);
@@ -203,7 +203,7 @@ TEST_CASE("labels are ordered: background, then objects by their events; none is
 }
 
 TEST_CASE("the same for 1, 2 and 7 threads, and for a segmenter used before") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   SegmenterOptions options;
   options.threads = 1;
   const Segmentation alone = segmented(events, options);
@@ -223,7 +223,7 @@ TEST_CASE("the same for 1, 2 and 7 threads, and for a segmenter used before") {
 }
 
 TEST_CASE("one segmenter serves two callers in turn") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   Segmenter segmenter(sensor, std::nullopt, quiet_options());
   const Segmentation alone = segmenter.segment(events.view());
   Segmentation other;
@@ -235,7 +235,7 @@ TEST_CASE("one segmenter serves two callers in turn") {
 }
 
 TEST_CASE("later times make no difference") {
-  EventColumns events = two_motions();
+  RecordedEvents events = two_motions();
   // Where on its pixel an event lies hangs on its time.
   SegmenterOptions options = quiet_options();
   options.footprint = Footprint::point;
@@ -249,7 +249,7 @@ TEST_CASE("later times make no difference") {
 }
 
 TEST_CASE("a given pool takes the place of the search, a given time that of the middle") {
-  const EventColumns& events = two_motions();
+  const RecordedEvents& events = two_motions();
   SegmenterOptions options = quiet_options();
   options.num_iter_segmentation = 0;  // labels alone
   WindowPrior prior;
@@ -266,8 +266,8 @@ TEST_CASE("a given pool takes the place of the search, a given time that of the 
 }
 
 TEST_CASE("noise is marked where asked, and nothing else changes") {
-  EventColumns events;
-  const EventColumns& clean = two_motions();
+  RecordedEvents events;
+  const RecordedEvents& clean = two_motions();
   std::mt19937 random(9);
   for (std::size_t k = 0; k < clean.size(); ++k) {
     events.add(clean.x[k], clean.y[k], clean.t[k], clean.p[k], clean.source[k]);
@@ -295,7 +295,7 @@ TEST_CASE("noise is marked where asked, and nothing else changes") {
 }
 
 TEST_CASE("which sign an edge has makes no difference") {
-  EventColumns events = two_motions();
+  RecordedEvents events = two_motions();
   for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
     SegmenterOptions options = quiet_options();
     options.data_term = term;
@@ -317,9 +317,9 @@ TEST_CASE("which sign an edge has makes no difference") {
 }
 
 TEST_CASE("flicker is left out of the search and labelled by what is near it") {
-  const EventColumns& scene = two_motions();
+  const RecordedEvents& scene = two_motions();
   std::mt19937 random(11);
-  EventColumns events;
+  RecordedEvents events;
   std::size_t bursts = 0;
   const auto burst = [&](std::int64_t t) { return t >= t_middle - 3000 && t < t_middle - 2400; };
   const auto flash = [&](std::int64_t t) {
@@ -343,15 +343,15 @@ TEST_CASE("flicker is left out of the search and labelled by what is near it") {
   options.flicker = Flicker::kept;
   CHECK(segmented(events, options).thinned == 0);
   // Where there is but flicker, it is all that there is to segment.
-  EventColumns nothing_else;
+  RecordedEvents nothing_else;
   for (int k = 0; k < 3000; ++k) nothing_else.add(k * 7 % 160, k * 11 % 120, 3 * k);
   options.flicker = Flicker::left_out;
   check_sound(segmented(nothing_else, options), nothing_else.size());
 }
 
 TEST_CASE("motions lose against the true ones, by the segmenter's own images") {
-  const EventColumns& events = two_motions();
-  EventColumns object;
+  const RecordedEvents& events = two_motions();
+  RecordedEvents object;
   for (std::size_t k = 0; k < events.size(); ++k) {
     if (events.source[k] == 1) object.add(events.x[k], events.y[k], events.t[k], events.p[k], 1);
   }
@@ -388,7 +388,7 @@ TEST_CASE("choices have names") {
 
 TEST_CASE("where only an object moves, the background is still and free") {
   const WarpFrame frame = make_warp_frame(sensor);
-  const EventColumns events =
+  const RecordedEvents events =
       recorded(moving_dots({{object_motion, {68, 50, 24, 24}, 80, 12}}, frame, 0.04, 1), sensor, t_middle);
   const Segmentation result = segmented(events, quiet_options());
   check_sound(result, events.size());

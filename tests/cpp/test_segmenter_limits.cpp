@@ -16,7 +16,7 @@ TEST_CASE("windows of next to nothing give sound results") {
     options.mark_noise = noise;
     for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
       options.data_term = term;
-      EventColumns events;
+      RecordedEvents events;
       const auto sound = [&] { check_sound(segmented(events, options), events.size()); };
       sound();  // empty
       events.add(5, 5, 100);
@@ -43,14 +43,14 @@ TEST_CASE("windows of next to nothing give sound results") {
 
 TEST_CASE("a sensor of one pixel, one row, one column") {
   for (const ImageSize size : {ImageSize{1, 1}, {200, 1}, {1, 200}}) {
-    EventColumns events;
+    RecordedEvents events;
     for (int k = 0; k < 300; ++k) events.add(k % size.width, k % size.height, 10 * k, k % 2);
     check_sound(segmented(events, {}, {}, size), events.size());
   }
 }
 
 TEST_CASE("times as far apart as 64 bits allow, and t_ref anywhere") {
-  EventColumns events;
+  RecordedEvents events;
   events.add(3, 3, earliest);
   events.add(4, 3, -5);
   events.add(5, 3, 0);
@@ -120,7 +120,7 @@ TEST_CASE("what does not fit is refused by name") {
   CHECK(refusal([&] { Segmenter(sensor, camera, {}); }).find("the camera is 100x100, the sensor 160x120") ==
         0);
 
-  EventColumns outside;
+  RecordedEvents outside;
   outside.add(160, 0, 0);
   CHECK(refusal([&] { segmented(outside, {}); }).find("event 0 lies at (160, 0)") == 0);
   WindowPrior prior;

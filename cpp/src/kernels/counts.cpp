@@ -1,4 +1,4 @@
-// Images of whole votes, and sums of what they cost.
+// Images of whole votes, and sums of counts and costs.
 #include "kernels/kernels.hpp"
 #include "kernels/vector.hpp"
 
@@ -44,6 +44,10 @@ void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint1
     // Towards zero, so that rises and falls are counted alike.
     smooth[x] = static_cast<std::uint16_t>(static_cast<std::int16_t>(sum) / 16);
   }
+}
+
+void add_counts(const std::uint16_t* counts, std::size_t n, std::uint32_t* sums) {
+  for (std::size_t i = 0; i < n; ++i) sums[i] += counts[i];
 }
 
 }  // namespace emseg::EMSEG_SIMD_LEVEL

@@ -97,6 +97,9 @@ struct KernelTable {
   void (*add_patches)(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places,
                       std::size_t n, std::uint16_t* sums);
 
+  // sums[i] += counts[i]
+  void (*add_counts)(const std::uint16_t* counts, std::size_t n, std::uint32_t* sums);
+
   // Sum of the elements, and of their squares.
   void (*add_sums)(const float* row, std::size_t n, double* sum, double* square);
   // row[i] -= scale * profile[i]

@@ -28,6 +28,7 @@ void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std:
 void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);
 void add_patches(const std::uint16_t* image, std::int32_t stride, const std::int32_t* places, std::size_t n,
                  std::uint16_t* sums);
+void add_counts(const std::uint16_t* counts, std::size_t n, std::uint32_t* sums);
 void add_sums(const float* row, std::size_t n, double* sum, double* square);
 void subtract_scaled(float* row, const float* profile, float scale, std::size_t n);
 float largest_magnitude(const float* values, std::size_t n);

@@ -18,6 +18,7 @@ const KernelTable table{
     .smooth_counts_down = smooth_counts_down,
     .smooth_counts_across = smooth_counts_across,
     .add_patches = add_patches,
+    .add_counts = add_counts,
     .add_sums = add_sums,
     .subtract_scaled = subtract_scaled,
     .largest_magnitude = largest_magnitude,
