@@ -14,7 +14,7 @@ namespace emseg {
 namespace {
 
 // Sharpness, as a share of the reference, below which differences say little: what passes by chance.
-constexpr float floor_share = 0.2f;
+constexpr float floor_share = 0.05f;
 
 }  // namespace
 

@@ -82,7 +82,7 @@ class Config:
     )
     lambda_data: float = number(1.0, "Weight of the data term", source=_EMSGC, above=0, most=1e6)
     lambda_smooth: float = number(
-        30.0,
+        24.0,
         "Potts weight: cost of an edge of the event graph with two labels",
         source=_EMSGC,
         least=0,
@@ -96,7 +96,7 @@ class Config:
         most=1e12,
     )
     axis_doubt: float = number(
-        30.0,
+        20.0,
         "Cost of an event by a motion along the columns or rows of pixels, which straight edges feign",
         least=0,
         most=255,
