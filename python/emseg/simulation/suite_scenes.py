@@ -84,6 +84,27 @@ def hands(random: Random, duration: float) -> Scene:
     )
 
 
+@_scene
+def passers_by(random: Random, duration: float) -> Scene:
+    """A still camera; people walk by near it, often seen in part, or things pass it: nothing else makes events."""
+    place = Place(random, (SMALL, MEDIUM, LARGE, LARGE), duration)
+    bodies = [wall(place, random.uniform(4.5, 6.0), plenty=random.chance(0.5))]
+    for k in range(random.integer(1, 2)):
+        depth = random.uniform(1.6, 3.5) + 0.6 * k
+        if random.chance(0.7):
+            # The camera's height above the floor: the whole person, or legs, or the upper body.
+            bodies.append(walker(place, depth, random.uniform(0.3, 1.5), random.uniform(0.5, 1.8)))
+        else:
+            motion = place.crossing((40, 300), depth, margin=0.4)
+            bodies.append(mover(place, random.uniform(0.3, 1.1), depth, motion))
+    return Scene(
+        duration=duration,
+        camera=place.camera(place.still()),
+        sensor=sensor(random, shot_noise=round(random.spread(0.1, 3), 4)),
+        bodies=tuple(bodies),
+    )
+
+
 # --- the Extreme Event Dataset ------------------------------------------------------------------------------
 
 
