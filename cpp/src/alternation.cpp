@@ -173,6 +173,7 @@ bool Alternation::refit() {
   std::int64_t energy_now = energy();
   for (Refit& refit : refits) {
     const double before = reference_;
+    std::swap(models_[refit.label], refit.model);
     std::swap(supports_[refit.label], refit.support);
     if (options_.term == DataTerm::published) {
       // A sharper image elsewhere makes every event dearer: all costs follow G_ref.
@@ -184,9 +185,9 @@ bool Alternation::refit() {
     if (with < current) {
       energy_now += with - current;
       current = with;
-      models_[refit.label] = refit.model;
       improved = true;
     } else {
+      std::swap(models_[refit.label], refit.model);
       std::swap(supports_[refit.label], refit.support);
       if (options_.term == DataTerm::published) {
         set_reference(before);
