@@ -34,7 +34,7 @@ const RecordedEvents& faint_object() {
 // A label's cost is more than the object's events are worth, but its half is not.
 SegmenterOptions dear_labels(int threads = 2) {
   SegmenterOptions options = quiet_options(threads);
-  options.lambda_label = 25'000;
+  options.lambda_label = 32'000;
   return options;
 }
 
