@@ -374,7 +374,7 @@ class Segmenter:
             ValueError: the events' sensor is not this segmenter's, or chunks overlap in time.
         """
         buffer = EventBuffer(events, width=self.width, height=self.height)
-        tracker = self.tracker()
+        tracker = self.tracker(least_evidence=1.5)
         wanted = self._first_duration(buffer)
         threads = self.config.threads or len(os.sched_getaffinity(0))
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))

@@ -176,7 +176,7 @@ class Tracker:
             for logit, box, track in zip(logits, boxes, seen, strict=True)
         ]
         moving = [
-            k for k in range(len(parts)) if evidence[k] > self._least_evidence and parts[k] is not background
+            k for k in range(len(parts)) if evidence[k] > (0.0 if seen[k] and seen[k].number else self._least_evidence) and parts[k] is not background
         ]
         flows = {k: self._flow(parts[k], still_model, window) for k in moving}
         objects = self._join(parts, moving, flows)
