@@ -405,6 +405,7 @@ def test_noise_is_marked_and_everything_else_keeps_its_label():
         np.concatenate([events.x, stray.x])[order],
         np.concatenate([events.y, stray.y])[order],
         t[order],
+        p=np.concatenate([events.p, stray.p])[order],
         **size,
     )
     is_stray = (np.arange(len(t)) >= len(events))[order]
