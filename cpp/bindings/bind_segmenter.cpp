@@ -29,12 +29,11 @@ std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
 
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
                               std::optional<double> lambda_label, double axis_doubt,
-                              const std::string& polarity_name,
-                              const std::string& footprint_name, const std::string& flicker_name,
-                              int bracket_row, int bracket_col, double max_speed, double max_scale_rate,
-                              double max_angle_rate, const std::vector<std::string>& kinds,
-                              int num_iter_segmentation, int num_iter_labeling,
-                              const std::string& labelling_name, double sigma,
+                              const std::string& polarity_name, const std::string& footprint_name,
+                              const std::string& flicker_name, int bracket_row, int bracket_col,
+                              double max_speed, double max_scale_rate, double max_angle_rate,
+                              const std::vector<std::string>& kinds, int num_iter_segmentation,
+                              int num_iter_labeling, const std::string& labelling_name, double sigma,
                               std::optional<std::size_t> max_events, bool mark_noise, int threads) {
   SegmenterOptions options;
   options.data_term = data_term(term);

@@ -173,6 +173,7 @@ bool Alternation::refit() {
   std::int64_t energy_now = energy();
   for (Refit& refit : refits) {
     const double before = reference_;
+    std::swap(models_[refit.label], refit.model);
     std::swap(supports_[refit.label], refit.support);
     if (options_.term == DataTerm::published) {
       // A sharper image elsewhere makes every event dearer: all costs follow G_ref.
@@ -184,9 +185,9 @@ bool Alternation::refit() {
     if (with < current) {
       energy_now += with - current;
       current = with;
-      models_[refit.label] = refit.model;
       improved = true;
     } else {
+      std::swap(models_[refit.label], refit.model);
       std::swap(supports_[refit.label], refit.support);
       if (options_.term == DataTerm::published) {
         set_reference(before);
@@ -235,15 +236,16 @@ void Alternation::evaluate_costs(const MotionModel& model, const ModelSupport& s
   costs.resize(points_.size());
   integer_costs(options_.term, support.sharpness, reference_, options_.lambda_data, costs);
   if (!(options_.axis_doubt > 0)) return;
-  const auto doubts = axis_doubts(doubt_grid_, model, frame_, points_.seconds(),
-                                  options_.axis_doubt * options_.lambda_data);
+  const auto doubts =
+      axis_doubts(doubt_grid_, model, frame_, points_.seconds(), options_.axis_doubt * options_.lambda_data);
   for (std::size_t k = 0; k < costs.size(); ++k)
     costs[k] += doubts[static_cast<std::size_t>(doubt_grid_.of_event[k])];
 }
 
 void Alternation::set_reference(double reference) {
   reference_ = reference;
-  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(models_[m], supports_[m], costs_[m]); });
+  pool_.for_each(models_.size(),
+                 [&](std::size_t m, int) { evaluate_costs(models_[m], supports_[m], costs_[m]); });
 }
 
 }  // namespace emseg

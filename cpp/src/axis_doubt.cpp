@@ -26,6 +26,7 @@ std::vector<std::int32_t> axis_doubts(const BlockGrid& grid, const MotionModel& 
   warp_points(ends.view(), model, frame, x, y);
   for (std::size_t b = 0; b < n; ++b) {
     const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
+    if (!std::isfinite(dx) || !std::isfinite(dy)) continue;  // no image holds what flies as far
     const double along = std::max(dx, dy);
     const double fast = std::clamp((along - 4.0) / 4.0, 0.0, 1.0);
     const double straight = std::clamp(1.5 + 0.05 * along - std::min(dx, dy), 0.0, 1.0);

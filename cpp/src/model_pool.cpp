@@ -150,7 +150,9 @@ class PoolSearch {
         count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
-  void add(const std::vector<MotionModel>& models) { add({models, std::vector<std::uint8_t>(models.size())}); }
+  void add(const std::vector<MotionModel>& models) {
+    add({models, std::vector<std::uint8_t>(models.size())});
+  }
   void add_tracked(const std::vector<MotionModel>& models) {
     add({models, std::vector<std::uint8_t>(models.size(), 1)});
   }
@@ -189,7 +191,7 @@ class PoolSearch {
 
   // Events that no chosen model makes sharp: noise, and what moves in a way not thought of yet.
   Sample unexplained() const {
-    constexpr std::uint8_t dear = 120;  // by the logarithmic term, less than a third of the reference
+    constexpr std::uint8_t dear = 120;  // by the logarithmic term, less than a fifth of the reference
     Sample rest;
     for (std::size_t k = 0; k < points_.size(); ++k) {
       const bool explained = std::any_of(selection_.chosen.begin(), selection_.chosen.end(),
@@ -261,8 +263,8 @@ class PoolSearch {
                        [&](std::size_t m) { return m >= count; });
   }
 
-  // The models chosen last, and the tracked ones: whether their objects are still there is for the labels of all
-  // events to say.
+  // The models chosen last, and the tracked ones: whether their objects are still there is for the labels of
+  // all events to say.
   ModelPool chosen_models() const {
     ModelPool pool;
     for (std::size_t m = 0; m < models_.size(); ++m) {
@@ -357,7 +359,8 @@ class PoolSearch {
 }  // namespace
 
 ModelPool make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
-                          const WarpFrame& frame, Region plane, const PoolOptions& options, ThreadPool& pool) {
+                          const WarpFrame& frame, Region plane, const PoolOptions& options,
+                          ThreadPool& pool) {
   if (points.size() == 0) return {{make_motion(richest(options.kinds))}, {0}};
   PoolSearch search(points, positive, frame, plane, options, pool);
   search.add(std::vector<MotionModel>{Translation{}});

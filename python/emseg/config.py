@@ -90,7 +90,7 @@ class Config:
     )
     lambda_label: float | None = number(
         None,
-        "Cost of a label that is used; null: grows with the window, 0.4 an event",
+        "Cost of a label that is used; null: grows with the window, 0.25 an event",
         source=_EMSGC,
         least=0,
         most=1e12,

@@ -159,9 +159,7 @@ class Window:
         return _core.image_velocities(*model.native(), self._frame, places) * self.duration
 
 
-def still_motion(
-    parts: Sequence[Part], window: Window, ambiguous: Sequence[float] | Features
-) -> MotionModel:
+def still_motion(parts: Sequence[Part], window: Window, ambiguous: Sequence[float] | Features) -> MotionModel:
     """One planar motion for all of several parts that stand still, each weighing by its area.
 
     A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -266,7 +266,11 @@ class Segmenter:
         tracked: Sequence[MotionModel] = (),
         t_ref: int | None = None,
     ) -> Segmentation:
-        """As `segment`, but labels are motions: label 0 is the most widely spread, and no part is judged."""
+        """As `segment`, but labels are motions: label 0 is the most widely spread, and no part is judged.
+
+        `tracked` are motions of objects that are known to be there: their labels cost less, since what was
+        seen before need not prove itself again.
+        """
         self._check_sensor(events)
         return self._segment_by(
             self._engine, events, pool=pool, candidates=candidates, tracked=tracked, t_ref=t_ref
@@ -380,7 +384,7 @@ class Segmenter:
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
-        known: dict[str, list[MotionModel]] = {}
+        known: _KnownMotions = {}
         # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
         # found, whatever the number of threads, so that the labels do not depend on it.
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
@@ -438,7 +442,12 @@ class Segmenter:
         return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
 
 
-def known_motions(found: Segmentation, tracker: Tracker) -> dict[str, list[MotionModel]]:
+class _KnownMotions(TypedDict, total=False):
+    candidates: list[MotionModel]
+    tracked: list[MotionModel]
+
+
+def known_motions(found: Segmentation, tracker: Tracker) -> _KnownMotions:
     """What a later window may start from, as `find_motions` takes it: motions of objects, and the others."""
     tracked = tracker.motions()
     moving = [model.native() for model in tracked]

@@ -127,7 +127,7 @@ class Tracker:
         height: Height of the sensor, px.
         camera: The camera, if there is one.
         loss: The engine's, by which parts are held against the background; None: all labels above 0 move.
-        least_evidence: Logit from which on a part moves.
+        least_evidence: Logit from which on a part that was no object before moves; an object takes 0.
     """
 
     def __init__(
@@ -175,9 +175,9 @@ class Tracker:
             + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
             for logit, box, track in zip(logits, boxes, seen, strict=True)
         ]
-        moving = [
-            k for k in range(len(parts)) if evidence[k] > (0.0 if seen[k] and seen[k].number else self._least_evidence) and parts[k] is not background
-        ]
+        # An object lives on by less than it is born by.
+        least = [0.0 if track and track.number else self._least_evidence for track in seen]
+        moving = [k for k in range(len(parts)) if evidence[k] > least[k] and parts[k] is not background]
         flows = {k: self._flow(parts[k], still_model, window) for k in moving}
         objects = self._join(parts, moving, flows)
 

@@ -17,7 +17,7 @@ constexpr std::array terms{DataTerm::published, DataTerm::logarithmic};
 
 double defined_cost(DataTerm term, double sharpness, double reference) {
   const double g = std::min(1.0, sharpness / reference);
-  constexpr double f = 0.2;
+  constexpr double f = 0.05;
   return term == DataTerm::published ? 255 * (1 - g)
                                      : 255 * std::log((1 + f) / (g + f)) / std::log((1 + f) / f);
 }

@@ -35,7 +35,7 @@ double nearest(const std::vector<MotionModel>& pool, const MotionModel& truth, c
 }
 
 // Makes a pool from the events that a sensor would have seen.
-std::vector<MotionModel> pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
+ModelPool flagged_pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
   Scene seen;
   for (std::size_t k = 0; k < scene.size(); ++k) {
     const float x = scene.points.x[k], y = scene.points.y[k];
@@ -44,7 +44,22 @@ std::vector<MotionModel> pool_of(const Scene& scene, const PoolOptions& options,
     seen.positive.push_back(scene.positive[k]);
   }
   ThreadPool pool(threads);
-  return make_model_pool(seen.view(), seen.positive, frame, plane, options, pool);
+  ModelPool made = make_model_pool(seen.view(), seen.positive, frame, plane, options, pool);
+  REQUIRE(made.tracked.size() == made.models.size());
+  return made;
+}
+
+std::vector<MotionModel> pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
+  return flagged_pool_of(scene, options, threads).models;
+}
+
+// The models of a pool that are flagged as tracked, or those that are not.
+std::vector<MotionModel> models_where(const ModelPool& pool, bool tracked) {
+  std::vector<MotionModel> models;
+  for (std::size_t m = 0; m < pool.models.size(); ++m) {
+    if ((pool.tracked[m] != 0) == tracked) models.push_back(pool.models[m]);
+  }
+  return models;
 }
 
 }  // namespace
@@ -147,4 +162,79 @@ TEST_CASE("labels for nothing: the pool holds the motions, whatever else it take
   const auto pool = pool_of(scene, options);
   CHECK(nearest(pool, scene_motion, scene, 0) < 0.5);
   CHECK(nearest(pool, object_motion, scene, 2) < 0.5);
+}
+
+TEST_CASE("what is tracked stays in the pool, whether or not it explains anything") {
+  const MotionModel scene_motion = Translation{{50, 20}};
+  const Scene scene = object_before_scene(scene_motion, Translation{{-200, 90}});
+  PoolOptions options;
+  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  options.candidates = {scene_motion};
+  for (const MotionModel& model : pool_of(scene, options)) CHECK(!(params_of(model)[0] > 700));
+  // Two that nothing moves by; the like among the candidates goes.
+  options.candidates.push_back(Translation{{800, 700}});
+  options.tracked = {Translation{{900, -700}}, Similarity{{-800, -750, 0.1, 0.2}}};
+  const ModelPool pool = flagged_pool_of(scene, options);
+  const auto tracked = models_where(pool, true);
+  REQUIRE(tracked.size() == 2);
+  for (std::size_t m = 0; m < 2; ++m) {
+    CHECK(kind_of(tracked[m]) == MotionKind::similarity);
+    CHECK(motion_distance(tracked[m], options.tracked[m], frame, scene.view()) < 1e-4);
+  }
+  CHECK(nearest(models_where(pool, false), options.candidates[1], scene, 0) > 3);
+  CHECK(nearest(models_where(pool, false), scene_motion, scene, 0) < 0.5);
+}
+
+TEST_CASE("refits of what is tracked are flagged too") {
+  const MotionModel scene_motion = Translation{{50, 20}}, object_motion = Translation{{-200, 90}};
+  const Scene scene = object_before_scene(scene_motion, object_motion);
+  PoolOptions options;
+  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  options.candidates = {scene_motion};
+  options.tracked = {Translation{{-170, 120}}};  // two pixels off over the window
+  const double off = nearest(options.tracked, object_motion, scene, 2);
+  REQUIRE(off > 0.4);
+  const ModelPool pool = flagged_pool_of(scene, options);
+  const auto tracked = models_where(pool, true);
+  CHECK(nearest(tracked, options.tracked[0], scene, 2) < 1e-4);
+  CHECK(nearest(tracked, object_motion, scene, 2) < 0.5 * off);
+  CHECK(nearest(models_where(pool, false), object_motion, scene, 2) > 3);
+  for (const int threads : {1, 7}) {
+    const ModelPool again = flagged_pool_of(scene, options, threads);
+    CHECK(again.tracked == pool.tracked);
+    REQUIRE(again.models.size() == pool.models.size());
+    for (std::size_t m = 0; m < pool.models.size(); ++m)
+      CHECK(std::ranges::equal(params_of(pool.models[m]), params_of(again.models[m])));
+  }
+}
+
+TEST_CASE("what is tracked is chosen, and so refitted, where its share of a label's cost pays") {
+  const MotionModel scene_motion = Translation{{50, 20}}, object_motion = Translation{{-200, 90}};
+  const Scene scene = object_before_scene(scene_motion, object_motion);
+  PoolOptions options;
+  options.candidates = {scene_motion};
+  options.tracked = {Translation{{-170, 120}}};
+  options.lambda_label = 255 * static_cast<double>(scene.size());  // more than all data
+  options.tracked_share = 1;
+  CHECK(models_where(flagged_pool_of(scene, options), true).size() == 1);
+  options.tracked_share = 0;
+  CHECK(models_where(flagged_pool_of(scene, options), true).size() > 1);
+}
+
+TEST_CASE("a doubtful motion explains less") {
+  // Half of the view goes along the rows, as an edge along them would seem to.
+  const MotionModel along = Translation{{300, 0}}, aslant = Translation{{210, 210}};
+  const Scene scene = moving_dots({{Translation{{20, 30}}, {0, 0, 160, 70}, 150, 12},
+                                   {along, {30, 75, 60, 40}, 60, 12},
+                                   {aslant, {100, 75, 40, 40}, 60, 12}},
+                                  frame, 0.05, 2);
+  PoolOptions options;
+  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  const auto trusting = pool_of(scene, options);
+  CHECK(nearest(trusting, along, scene, 1) < 1);
+  CHECK(nearest(trusting, aslant, scene, 2) < 1);
+  options.axis_doubt = 255;
+  const auto doubting = pool_of(scene, options);
+  CHECK(nearest(doubting, along, scene, 1) > 1);
+  CHECK(nearest(doubting, aslant, scene, 2) < 1);
 }

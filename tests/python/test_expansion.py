@@ -210,14 +210,15 @@ def test_integers_beyond_32_bits_are_exact(problem: Problem) -> None:
 
 
 @settings(max_examples=50, deadline=None)
-@given(problems, st.sampled_from([1.0, 0.125, 1e-9, 1e12, 0.1]))
+@given(problems, st.sampled_from([1.0, 0.125, 2.0**-30, 1e12, 1e-9, 0.1]))
 def test_floats_equal_integers_in_their_fixed_point(problem: Problem, unit: float) -> None:
     labels, energy = expansion(*problem)
     unary, weight, cost = (part * unit for part in (problem.unary, problem.weight, problem.label_cost))
     real_labels, real_energy = expansion(unary, *problem[1:3], weight, cost)
     assert isinstance(real_energy, float)
     assert real_energy == pytest.approx(labeling_energy(unary, *problem[1:3], weight, cost, real_labels))
-    if unit != 0.1:  # powers of two and large multiples of them are exact
+    # Powers of two and whole numbers are exact; others are rounded, and ties between moves fall either way.
+    if unit not in (0.1, 1e-9):
         assert real_energy == pytest.approx(energy * unit, rel=1e-12, abs=1e-12 * unit)
     assert labels.shape == real_labels.shape
 

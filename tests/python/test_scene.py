@@ -16,6 +16,8 @@ from emseg.scene import (
     Part,
     Perceptron,
     Window,
+    ambiguity,
+    appearance,
     choose_background,
     find_parts,
     moving_logits,
@@ -120,10 +122,10 @@ def planar_parts(params: tuple[float, ...]) -> list[Part]:
 PLANAR = (200.0, -100.0, 0.8, -0.5, 0.6, 0.9, 0.7, -0.6)
 
 
-def worst_error(parts: list[Part], params: tuple[float, ...]) -> float:
+def worst_error(parts: list[Part], params: tuple[float, ...], ambiguous: list[float] | None = None) -> float:
     """Of the flow found over the middle of the view, px over a window of 40 ms."""
     window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
-    found = still_motion(parts, window)
+    found = still_motion(parts, window, ambiguous or [0.0] * len(parts))
     assert found.kind == "homography"
     places = np.stack(np.meshgrid([60.0, 160.0, 260.0], [60.0, 120.0, 180.0]), axis=-1).reshape(-1, 2)
     expected = flow_of(params, places) * window.duration
@@ -145,6 +147,32 @@ def test_one_false_part_hardly_bends_the_motion_of_the_others() -> None:
     assert worst_error(parts, PLANAR) < true + 0.25
 
 
+def stripes(*motions: tuple[float, float], period: int) -> list[Part]:
+    """Columns of tiles of one translation each, in turn: the last of a period is the last motion's."""
+    models = [MotionModel("translation", velocity) for velocity in motions]
+    return [
+        tiles_part(models[min(column % period, len(models) - 1)], slice(0, ROWS), slice(column, column + 1))
+        for column in range(COLUMNS)
+    ]
+
+
+def test_along_an_ambiguous_motion_the_other_parts_have_the_say() -> None:
+    """Two thirds of the view seem to go 36 px along the columns, where 1.2 px are true."""
+    true, false = (0.0, 30.0), (0.0, 900.0)
+    parts = stripes(true, false, false, period=3)
+    doubted = [float(part.model.params[1] == 900) for part in parts]
+    planar = (*true, *[0.0] * 6)
+    assert worst_error(parts, planar, doubted) < 0.5
+    assert worst_error(parts, planar) > 5
+
+
+def test_across_their_motions_ambiguous_parts_count_in_full() -> None:
+    """Edges along the columns say that nothing goes across them, those along the rows the like."""
+    parts = stripes((0.0, 900.0), (-900.0, 0.0), period=2)
+    assert worst_error(parts, (0.0,) * 8, [1.0] * len(parts)) < 0.5
+    assert worst_error(parts, (0.0,) * 8) > 5
+
+
 def test_a_perceptron_by_hand() -> None:
     network = Perceptron(
         mean=np.array([1.0, 2.0]),
@@ -160,21 +188,74 @@ def test_a_perceptron_by_hand() -> None:
     np.testing.assert_allclose(network(np.array([[3.0, 4.0], [1.0, 2.0]])), [expected, middle])
 
 
+def looks(*, speed: float = 0.0, went: float = 1.0, across: float = 2.0) -> np.ndarray:
+    """The appearance of a part as far as its ambiguity goes: px, share, px over the window."""
+    features = np.zeros(15)
+    features[[7, 8, 12]] = speed / 10, went, across
+    return features
+
+
+AMBIGUOUS = looks(speed=30.0, went=0.0, across=0.0)
+
+shares, pixels = st.floats(-0.5, 1.5), st.floats(0, 30)
+
+
+@settings(max_examples=100)
+@given(st.lists(st.builds(looks, speed=pixels, went=shares, across=st.floats(0, 2)), min_size=1, max_size=5))
+def test_only_what_is_fast_along_an_axis_and_does_not_go_is_ambiguous(own: list[np.ndarray]) -> None:
+    doubt = ambiguity(np.array(own))
+    assert doubt.shape == (len(own),)
+    assert ((doubt >= 0) & (doubt <= 1)).all()
+    for features, value in zip(own, doubt, strict=True):
+        speed, went, across = features[7] * 10, features[8], features[12]
+        # Surely not.
+        for change in ({"speed": 2.0}, {"went": 0.9}, {"across": 2.0}):
+            assert ambiguity(looks(**{"speed": speed, "went": went, "across": across, **change})[None]) == 0
+        # Faster, less gone, nearer to an axis: no less ambiguous.
+        for change in ({"speed": speed + 3}, {"went": went - 0.2}, {"across": across / 2}):
+            more = ambiguity(looks(**{"speed": speed, "went": went, "across": across, **change})[None])
+            assert more >= value
+    assert ambiguity(AMBIGUOUS[None]) == 1
+
+
+@pytest.mark.parametrize(("goes", "ambiguous"), [(True, False), (False, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_edge_that_stays_is_ambiguous_and_one_that_goes_is_not(
+    axis: int, goes: bool, ambiguous: bool
+) -> None:
+    """25 px along a column or a row of pixels within 50 ms, by what the motion says."""
+    rng = np.random.default_rng(3)
+    t = np.sort(rng.integers(0, 50_000, 900))
+    places = np.empty((900, 2))
+    places[:, axis] = rng.uniform(90, 150, 900) + (500e-6 * t if goes else 0.0)
+    places[:, 1 - axis] = rng.uniform(100, 102, 900)
+    events = events_at(places, t, size=(WIDTH, HEIGHT))
+    velocity = (500.0, 0.0) if axis == 0 else (0.0, 500.0)
+    (part,) = find_parts(events, [(np.arange(900), MotionModel("translation", velocity))])
+    window = Window(events, 0.05, lambda *_: [0.5])
+    assert ambiguity(appearance(part, window)[None])[0] == float(ambiguous)
+
+
 def test_the_background_is_large_and_likely_still() -> None:
-    large, small = (tiles_part(STILL, slice(0, n), slice(0, COLUMNS)) for n in (10, 4))
-    crumb = tiles_part(STILL, slice(0, 1), slice(0, 5))  # under 3 % of the view
-    parts = [large, small, crumb]
-    assert choose_background(parts, np.array([-3.0, -3.0, -9.0])) is large
-    assert choose_background(parts, np.array([0.9, -3.0, -9.0])) is small  # .29 √10 < .95 √4
-    assert choose_background(parts, np.array([2.0, 3.0, -9.0])) is None  # neither is likely to stand still
-    assert choose_background([], np.empty(0)) is None
+    areas, own = [10 / ROWS, 4 / ROWS, 5 / 300], np.array([looks()] * 3)  # the last under 3 % of the view
+    assert choose_background(areas, own, np.array([-3.0, -3.0, -9.0])) == 0
+    assert choose_background(areas, own, np.array([0.9, -3.0, -9.0])) == 1  # .29 √10 < .95 √4
+    assert choose_background(areas, own, np.array([2.0, 3.0, -9.0])) is None  # neither likely stands still
+    assert choose_background([], np.empty((0, 15)), np.empty(0)) is None
+
+
+def test_the_background_is_rather_not_ambiguous() -> None:
+    surely = np.array([-3.0, -3.0])
+    assert choose_background([0.3, 0.2], np.array([looks(), looks()]), surely) == 0
+    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, looks()]), surely) == 1
+    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, AMBIGUOUS]), surely) == 0
+    assert choose_background([0.3], AMBIGUOUS[None], surely[:1]) == 0  # better than nothing
 
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3))
 def test_any_logit_will_do(logits: list[float]) -> None:
-    parts = [tiles_part(STILL, slice(0, n), slice(0, COLUMNS)) for n in (3, 6, 9)]
-    chosen = choose_background(parts, np.array(logits))
+    chosen = choose_background([0.2, 0.4, 0.6], np.array([looks(), AMBIGUOUS, looks()]), np.array(logits))
     assert (chosen is None) == (min(logits) > np.log(3) + 1e-9)
 
 

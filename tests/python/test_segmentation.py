@@ -25,6 +25,7 @@ import emseg
 from emseg import reference
 from emseg.config import explain
 from emseg.metrics import one_to_one_accuracy
+from emseg.segmentation import known_motions
 
 PLAIN = {**AS_PUBLISHED, "noise_label": "off"}
 CONFIGS = {
@@ -154,6 +155,37 @@ def test_bands_and_exact_labels_are_nearly_as_good_for_the_same_models(data_term
     bands, exact = (one.energy_trace[0] for one in found)
     assert abs(bands - exact) < 2e-4 * exact
     assert (found[0].labels == found[1].labels).mean() > 0.99
+
+
+# What is known beforehand -----------------------------------------------------------------------------------
+
+
+def test_an_object_that_is_tracked_is_found_where_a_label_would_cost_too_much():
+    events, truth = two_motions()
+    scene, thing = (emseg.MotionModel("translation", v) for v in ((120.0, -60.0), (-150.0, 140.0)))
+    config = emseg.Config(lambda_label=250_000.0, threads=1)  # 120 for every event of the thing
+    segmenter = emseg.Segmenter(events.width, events.height, config=config)
+    assert len(segmenter.find_motions(events).models) == 1
+    assert len(segmenter.find_motions(events, candidates=[scene, thing]).models) == 1
+    found = segmenter.find_motions(events, candidates=[scene], tracked=[thing])
+    assert one_to_one_accuracy(truth, found.labels) > 0.95
+    other = emseg.Segmenter(events.width, events.height, config=replace(config, threads=3))
+    assert same_result(other.find_motions(events, candidates=[scene], tracked=[thing]), found)
+
+
+def test_what_is_known_is_tracked_or_a_candidate_but_not_both():
+    events, _ = two_motions()
+    segmenter = emseg.Segmenter(events.width, events.height)
+    found = segmenter.find_motions(events)
+    tracker = segmenter.tracker()
+    known = known_motions(found, tracker)
+    assert (known["candidates"], known["tracked"]) == (found.models, [])
+    tracker.assign(events, found.labels, found.models, found.t_ref)
+    known = known_motions(found, tracker)
+    (thing,) = known["tracked"]
+    assert np.linalg.norm(thing.params[:2] - (-150.0, 140.0)) < 15
+    both = [model.native() for model in known["candidates"] + known["tracked"]]
+    assert sorted(both) == sorted(model.native() for model in found.models)
 
 
 # Windows of more events than motions and labels are found on ----------------------------------------------
@@ -373,6 +405,7 @@ def test_noise_is_marked_and_everything_else_keeps_its_label():
         np.concatenate([events.x, stray.x])[order],
         np.concatenate([events.y, stray.y])[order],
         t[order],
+        p=np.concatenate([events.p, stray.p])[order],
         **size,
     )
     is_stray = (np.arange(len(t)) >= len(events))[order]

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from emseg import _core
-from emseg.simulation import Scene
+from emseg.simulation import Scene, simulate
 from emseg.simulation.build import native_sensor
 from emseg.simulation.motion import Motion, Shake, Wave, Waypoint
 from emseg.simulation.person import parts_of_person
@@ -308,6 +308,30 @@ def test_the_suite_has_what_it_is_to_have() -> None:
     assert {"Rectangle", "Disc", "Blob", "Net", "Box", "Cylinder", "Ball"} <= shapes
     assert all(scene.lighting.flickers for name in ("strobe", "light_variations") for scene in scenes[name])
     assert all(scene.camera.motion.is_still for scene in scenes["hands"])
+
+
+def test_blinds_are_straight_edges_near_columns_and_rows_before_which_things_pass() -> None:
+    angles = []
+    for seed in range(30):
+        scene = suite_scene("blinds", seed)
+        slats = [body for body in scene.bodies if body.name == "slats"]
+        angles += [body.motion.rotation[2] for body in slats]
+        assert slats
+        assert all(body.motion.is_still for body in slats)
+        assert set(scene.labels()) == {0, 1}
+    off = [abs((angle + 45) % 90 - 45) for angle in angles]
+    assert max(off) < 10
+    assert min(off) < 1  # hardly off an axis
+    assert any(abs(angle) > 45 for angle in angles)
+
+
+def test_blinds_have_events_of_what_stands_and_of_what_passes() -> None:
+    scene = suite_scene("blinds", 1, duration=0.12)
+    made, again = (simulate(scene, threads=threads) for threads in (1, 2))
+    assert made.events == again.events
+    np.testing.assert_array_equal(made.owners, again.owners)
+    assert np.count_nonzero(made.owners == 0) > 1000
+    assert np.count_nonzero(made.owners == 1) > 100
 
 
 def test_draws_are_reproducible() -> None:

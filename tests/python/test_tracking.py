@@ -193,6 +193,49 @@ def test_what_stays_where_it_was_does_not_move_for_long(
     assert (len(found.models) > 1) == moves
 
 
+def velocities(tracker: Tracker) -> list[tuple[float, ...]]:
+    return sorted(tuple(model.params) for model in tracker.motions())
+
+
+def test_motions_are_those_of_objects_each_once_and_the_last_known() -> None:
+    tracker = Tracker(320, 240)
+    assert tracker.motions() == []
+    down, alike, up = (60.0, 60.0, 0.0, 400.0), (160.0, 60.0, 0.0, 400.0), (260.0, 200.0, 0.0, -400.0)
+    assert len(assign(tracker, down, alike, up).models) == 4
+    assert velocities(tracker) == [(0.0, -400.0), (0.0, 400.0)]
+    # One slows down, one is missed.
+    assign(tracker, (60.0, 76.0, 0.0, 350.0), (160.0, 76.0, 0.0, 400.0), t_ref=60_000)
+    assert velocities(tracker) == [(0.0, -400.0), (0.0, 350.0), (0.0, 400.0)]
+
+
+@pytest.mark.parametrize(("later", "known"), [(tracking.MEMORY_US, 1), (tracking.MEMORY_US + 1, 0)])
+def test_motions_are_forgotten_with_their_objects(later: int, known: int) -> None:
+    tracker = Tracker(320, 240)
+    assign(tracker, (100.0, 60.0, 1.0, 0.0), t_ref=0)
+    assign(tracker, t_ref=later)
+    assert len(tracker.motions()) == known
+
+
+@pytest.mark.parametrize(
+    ("logits", "known"),
+    [([3.0], 1), ([-3.0], 0), ([3.0, -1.0], 1), ([3.0, -5.0], 0)],
+    ids=["moves", "stands", "doubted", "refuted"],
+)
+def test_only_motions_of_what_is_held_to_move_are_known(
+    monkeypatch: pytest.MonkeyPatch, logits: list[float], known: int
+) -> None:
+    answers = iter(logits)
+
+    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
+        return np.array([-9.0, next(answers)]), parts[0], scene.STILL
+
+    monkeypatch.setattr(tracking, "moving_logits", answer)
+    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    for k in range(len(logits)):
+        assign(tracker, (100 + 2.0 * k, 60.0, 50.0, 0.0), t_ref=20_000 + 40_000 * k)
+    assert len(tracker.motions()) == known
+
+
 def test_a_window_without_events_has_no_objects() -> None:
     nothing = EventArray([], [], [], [], width=320, height=240)
     found = Tracker(320, 240).assign(nothing, np.empty(0, np.int32), [MotionModel("translation", label=0)], 0)

@@ -29,7 +29,7 @@ struct AlternationOptions {
   double lambda_data = 1;
   std::int32_t smooth_cost = 30;                          // lambda_P
   std::int64_t label_cost = 8000;                         // lambda_M
-  std::vector<std::int64_t> label_costs;                  // of the models given, where they differ
+  std::vector<std::int64_t> label_costs;                  // of each model given, where they differ
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
   double axis_doubt = 0;    // cost of an event by a motion along an axis (axis_doubt.hpp)
@@ -42,10 +42,12 @@ struct AlternationOptions {
 };
 
 // Labels and models of one window with their energy
-//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + lambda_M |{labels used}|.
-// No step raises it.  G_ref, the sharpness that costs nothing, is part of the published energy and follows
-// the models there (the largest pixel of any of them); the logarithmic term's is taken once, from the models
-// given.
+//   E(L, M) = lambda_D sum_k (D(e_k, M_L(k)) + A(e_k, M_L(k))) + lambda_P sum_(i,j) [L_i != L_j]
+//             + sum_(l used) lambda_M(l)
+// with the doubt A of axis_doubt.hpp by blocks of 16 px, and lambda_M one for all labels or one for each.  A
+// refit keeps the label cost of the model that it takes the place of.  No step raises E.  G_ref, the
+// sharpness that costs nothing, is part of the published energy and follows the models there (the largest
+// pixel of any of them); the logarithmic term's is taken once, from the models given.
 class Alternation {
  public:
   // What is passed by reference must outlive the alternation.  There is at least one model and one point.

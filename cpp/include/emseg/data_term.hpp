@@ -13,7 +13,7 @@ namespace emseg {
 // With g = min(1, G / G_ref):
 enum class DataTerm {
   published,    // 255 (1 - g), G_ref the largest pixel of any model's image
-  logarithmic,  // 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, G_ref the 95 % quantile over the
+  logarithmic,  // 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.05, G_ref the 95 % quantile over the
                 // events of the best G that any model gives them: a log-likelihood ratio, and one hot pixel
                 // moves nothing
 };

@@ -19,10 +19,10 @@ struct PoolOptions {
   double lambda_data = 1;
   double lambda_label = 8000;
   double tracked_share = 1;  // of lambda_label, that a tracked model costs
-  double axis_doubt = 0;     // cost of an event by a motion along an axis (axis_doubt.hpp), as the data term's
-  double sigma = 1;          // blur of the data term's images, px
-  int block = 8;             // side of the blocks that models are chosen over, px
-  int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
+  double axis_doubt = 0;  // cost of an event by a motion along an axis (axis_doubt.hpp), as the data term's
+  double sigma = 1;       // blur of the data term's images, px
+  int block = 8;          // side of the blocks that models are chosen over, px
+  int tile = 64;          // side of the smallest sub-volumes, which overlap by half, px
   double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
   std::size_t max_events = 16000;       // used of a window

@@ -24,8 +24,8 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block);
 
 // Cost of explaining each block's events by one model, with half of each neighbour's added: what is next to
 // a motion tends to share it, as the Potts term will say later.  A mean, so that costs stay those of a
-// block's worth of events.  `cost_of` gives an event's cost by its `sharpness`; `doubts`, where there are any,
-// what every event of a block costs more.
+// block's worth of events.  `cost_of` gives an event's cost by its `sharpness`; `doubts`, where there are
+// any, what every event of a block costs more.
 std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std::uint16_t> sharpness,
                                       std::span<const std::uint8_t> cost_of,
                                       std::span<const std::int32_t> doubts = {});

@@ -41,11 +41,11 @@ Flicker flicker(std::string_view name);
 struct SegmenterOptions {
   DataTerm data_term = DataTerm::logarithmic;
   double lambda_data = 1;              // weight of the data term
-  double lambda_smooth = 30;           // Potts cost of an edge between two labels
+  double lambda_smooth = 24;           // Potts cost of an edge between two labels
   std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
   double lambda_label_per_event = 0.25;
   double tracked_share = 0.5;  // of the cost of a label, that a tracked object's costs (WindowPrior)
-  double axis_doubt = 30;       // what an event costs more by a motion along an axis (axis_doubt.hpp)
+  double axis_doubt = 20;      // what an event costs more by a motion along an axis (axis_doubt.hpp)
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
   Flicker flicker = Flicker::left_out;

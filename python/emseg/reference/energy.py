@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MAX_COST = 255.0  # of one event, before lambda_D
-LOG_FLOOR = 0.2  # share of G_ref below which the logarithm flattens: what passes by chance
+LOG_FLOOR = 0.05  # share of G_ref below which the logarithm flattens: what passes by chance
 LOG_QUANTILE = 0.95  # of the events' best sharpness: what costs nothing
 
 
@@ -44,7 +44,7 @@ def published_data_term(values: Floats, reference: float) -> Floats:
 
 
 def logarithmic_data_term(values: Floats, reference: float) -> Floats:
-    """(3)  D(e, m) = 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.2, g as in (2), (n, models)."""
+    """(3)  D(e, m) = 255 log((1 + f) / (g + f)) / log((1 + f) / f), f = 0.05, g as in (2), (n, models)."""
     drop = np.log((1 + LOG_FLOOR) / (_share(values, reference) + LOG_FLOOR))
     return np.asarray(MAX_COST * drop / np.log((1 + LOG_FLOOR) / LOG_FLOOR), dtype=np.float64)
 
