@@ -307,7 +307,9 @@ def test_the_suite_has_what_it_is_to_have() -> None:
     shapes = {type(body.shape).__name__ for scene in every for body in scene.bodies}
     assert {"Rectangle", "Disc", "Blob", "Net", "Box", "Cylinder", "Ball"} <= shapes
     assert all(scene.lighting.flickers for name in ("strobe", "light_variations") for scene in scenes[name])
-    assert all(scene.camera.motion.is_still for scene in scenes["hands"])
+    assert all(scene.camera.motion.is_still for name in ("hands", "passers_by") for scene in scenes[name])
+    passing = [any(body.person for body in scene.bodies) for scene in scenes["passers_by"]]
+    assert 0.5 < np.mean(passing) <= 1
 
 
 def test_blinds_are_straight_edges_near_columns_and_rows_before_which_things_pass() -> None:
