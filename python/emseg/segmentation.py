@@ -384,7 +384,7 @@ class Segmenter:
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
         running: deque[tuple[int, Future[Segmentation]]] = deque()
-        known: _KnownMotions = {}
+        known: KnownMotions = {}
         # Two windows are worked on at a time, on an engine each.  A window starts from what the last but one
         # found, whatever the number of threads, so that the labels do not depend on it.
         with ThreadPoolExecutor(min(threads, _WINDOWS_AT_A_TIME)) as executor:
@@ -394,7 +394,7 @@ class Segmenter:
                     start, future = running.popleft()
                     found = future.result()
                     objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
-                    known = known_motions(found, tracker)
+                    known = known_motions(found, tracker.motions())
                     if wanted is not None:
                         wanted = next_duration(found.duration, objects)
                     done = found.relabelled(objects, start=start)
@@ -442,14 +442,15 @@ class Segmenter:
         return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
 
 
-class _KnownMotions(TypedDict, total=False):
+class KnownMotions(TypedDict, total=False):
+    """What is known of a window beforehand, as `Segmenter.find_motions` takes it."""
+
     candidates: list[MotionModel]
     tracked: list[MotionModel]
 
 
-def known_motions(found: Segmentation, tracker: Tracker) -> _KnownMotions:
+def known_motions(found: Segmentation, tracked: list[MotionModel]) -> KnownMotions:
     """What a later window may start from, as `find_motions` takes it: motions of objects, and the others."""
-    tracked = tracker.motions()
     moving = [model.native() for model in tracked]
     return {"candidates": [m for m in found.models if m.native() not in moving], "tracked": tracked}
 

@@ -178,10 +178,10 @@ def test_what_is_known_is_tracked_or_a_candidate_but_not_both():
     segmenter = emseg.Segmenter(events.width, events.height)
     found = segmenter.find_motions(events)
     tracker = segmenter.tracker()
-    known = known_motions(found, tracker)
+    known = known_motions(found, tracker.motions())
     assert (known["candidates"], known["tracked"]) == (found.models, [])
     tracker.assign(events, found.labels, found.models, found.t_ref)
-    known = known_motions(found, tracker)
+    known = known_motions(found, tracker.motions())
     (thing,) = known["tracked"]
     assert np.linalg.norm(thing.params[:2] - (-150.0, 140.0)) < 15
     both = [model.native() for model in known["candidates"] + known["tracked"]]

@@ -13,7 +13,7 @@ import threading
 import time
 from array import array
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -28,7 +28,7 @@ from emseg.live.event_queue import EventQueue
 from emseg.live.sources import LiveSource
 from emseg.live.thinning import Thinning, even_sample
 from emseg.motion import MotionModel
-from emseg.segmentation import Segmentation, Segmenter
+from emseg.segmentation import KnownMotions, Segmentation, Segmenter, known_motions
 from emseg.tracking import Tracker
 from emseg.window_length import FIRST_TRIAL_US, next_duration
 
@@ -159,7 +159,9 @@ class LiveSegmenter:
         self._ended = threading.Event()
         self._skipped = 0
         self._origin: int | None = None
-        self._wanted_us = FIRST_TRIAL_US  # by the windows that are done; read while the next ones start
+        # By the windows that are done; read while the next ones start:
+        self._wanted_us = FIRST_TRIAL_US
+        self._tracked: list[MotionModel] = []
         self.figures = LiveFigures()
 
     def run(self) -> Iterator[LiveWindow]:
@@ -223,9 +225,9 @@ class LiveSegmenter:
             place = self._catch_up(buffer, size, duration)
             window = buffer.take(place.size)
             kept = self._thin(window, place)
-            candidates = [] if last is None else last.models
+            known: KnownMotions = {} if last is None else known_motions(last, self._tracked)
             engine = self._segmenters[count % self._lanes]
-            future = executor.submit(_timed_segment, engine, kept, candidates)
+            future = executor.submit(_timed_segment, engine, kept, known)
             task = _Task(future, window, len(kept), place)
             running.append(task)
             tasks.put(task)
@@ -260,6 +262,7 @@ class LiveSegmenter:
         found, _ = task.future.result()
         objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
         self._wanted_us = next_duration(found.duration, objects)
+        self._tracked = tracker.motions()
         figures, window = self.figures, task.window
         start = figures.labelled
         latency = time.monotonic() - self._queue.arrival(int(window.t[-1]))
@@ -288,9 +291,7 @@ class LiveSegmenter:
         )
 
 
-def _timed_segment(
-    engine: Segmenter, window: EventArray, candidates: Sequence[MotionModel]
-) -> tuple[Segmentation, float]:
+def _timed_segment(engine: Segmenter, window: EventArray, known: KnownMotions) -> tuple[Segmentation, float]:
     began = time.perf_counter()
-    found = engine.find_motions(window, candidates=candidates)
+    found = engine.find_motions(window, **known)
     return found, time.perf_counter() - began

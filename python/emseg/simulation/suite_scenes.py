@@ -86,7 +86,7 @@ def hands(random: Random, duration: float) -> Scene:
 
 @_scene
 def passers_by(random: Random, duration: float) -> Scene:
-    """A still camera; people walk by near it, often seen in part, or things pass it: all else is still."""
+    """A still camera; people walk by near it, often seen in part, or things pass it: all else stands."""
     place = Place(random, (SMALL, MEDIUM, LARGE, LARGE), duration)
     bodies = [wall(place, random.uniform(4.5, 6.0), plenty=random.chance(0.5))]
     for k in range(random.integer(1, 2)):
