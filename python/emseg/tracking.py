@@ -24,6 +24,7 @@ BOX_DTYPE: Final = np.dtype([("track", "i4"), ("x", "f4"), ("y", "f4"), ("w", "f
 MEMORY_US: Final = 300_000
 """How long a track that is not seen keeps its identity, µs."""
 
+_HALF_FORGOTTEN_US: Final = 30_000  # age at which a track's number counts half
 _MEMORY: Final = 0.7  # share of the evidence of earlier windows that counts in the next
 _WENT: Final = 1.5  # weight of where a part went
 _TOLD_APART: Final = 8.0  # px between two windows, from which on that can be told
@@ -182,7 +183,12 @@ class Tracker:
         objects = self._join(parts, moving, flows)
 
         numbers = [track.number if track else 0 for track in seen]
-        by_object = self._number(objects, numbers, [len(part.own) for part in parts])
+        # Of the tracks of an object's parts the latest are meant: parts may have become one since.
+        votes = [
+            len(part.own) * 0.5 ** ((t_ref - track.seen if track else 0) / _HALF_FORGOTTEN_US)
+            for part, track in zip(parts, seen, strict=True)
+        ]
+        by_object = self._number(objects, numbers, votes)
         by_part = [(flows[k], len(parts[k].own)) for k in moving]
         along = self._slowest([p for k, p in enumerate(parts) if k not in flows], still_model, window)
         found = Objects(
@@ -263,15 +269,15 @@ class Tracker:
                 home.append(k)
         return objects
 
-    def _number(self, objects: list[list[int]], numbers: list[int], sizes: list[int]) -> list[int]:
-        """A number for every object: that most of its events had, else a new one; its parts get it."""
+    def _number(self, objects: list[list[int]], numbers: list[int], weights: list[float]) -> list[int]:
+        """A number for every object: that most weight of its parts had, else a new one; its parts get it."""
         by_object = []
         taken: set[int] = set()
         for own in objects:
-            votes: dict[int, int] = {}
+            votes: dict[int, float] = {}
             for k in own:
                 if numbers[k] and numbers[k] not in taken:
-                    votes[numbers[k]] = votes.get(numbers[k], 0) + sizes[k]
+                    votes[numbers[k]] = votes.get(numbers[k], 0.0) + weights[k]
             if votes:
                 number = max(votes, key=lambda candidate: (votes[candidate], -candidate))
             else:
