@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "emseg/axis_doubt.hpp"
 #include "emseg/sampling.hpp"
 
 namespace emseg {
@@ -34,7 +33,6 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
       taps_(gaussian_taps(options.sigma)),
       support_workspaces_(static_cast<std::size_t>(pool.worker_count())),
       contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())),
-      doubt_grid_(make_block_grid(points, plane, 16)),
       models_(std::move(models)),
       supports_(models_.size()),
       label_costs_(options.label_costs) {
@@ -72,7 +70,7 @@ void Alternation::add_free_model(const MotionModel& model) {
   evaluate(model, 0, supports_.back());
   label_costs_.push_back(0);
   costs_.emplace_back();
-  evaluate_costs(model, supports_.back(), costs_.back());
+  evaluate_costs(supports_.back(), costs_.back());
   label();
 }
 
@@ -164,7 +162,7 @@ bool Alternation::refit() {
                                 options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
                       .model;
     evaluate(refit.model, worker, refit.support);
-    if (options_.term != DataTerm::published) evaluate_costs(refit.model, refit.support, refit.costs);
+    if (options_.term != DataTerm::published) evaluate_costs(refit.support, refit.costs);
   });
   refitted_labels_ = labels_;
 
@@ -231,21 +229,14 @@ std::int64_t Alternation::data_cost() const {
   return total;
 }
 
-void Alternation::evaluate_costs(const MotionModel& model, const ModelSupport& support,
-                                 std::vector<std::int32_t>& costs) const {
+void Alternation::evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const {
   costs.resize(points_.size());
   integer_costs(options_.term, support.sharpness, reference_, options_.lambda_data, costs);
-  if (!(options_.axis_doubt > 0)) return;
-  const auto doubts =
-      axis_doubts(doubt_grid_, model, frame_, points_.seconds(), options_.axis_doubt * options_.lambda_data);
-  for (std::size_t k = 0; k < costs.size(); ++k)
-    costs[k] += doubts[static_cast<std::size_t>(doubt_grid_.of_event[k])];
 }
 
 void Alternation::set_reference(double reference) {
   reference_ = reference;
-  pool_.for_each(models_.size(),
-                 [&](std::size_t m, int) { evaluate_costs(models_[m], supports_[m], costs_[m]); });
+  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(supports_[m], costs_[m]); });
 }
 
 }  // namespace emseg

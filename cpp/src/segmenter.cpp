@@ -243,7 +243,6 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     alternation_options.label_costs.push_back(
         std::llround(tracked ? options_.tracked_share * label_cost : label_cost));
   }
-  alternation_options.axis_doubt = options_.axis_doubt;
   alternation_options.kinds = options_.kinds;
   alternation_options.refine = refine;
   alternation_options.sigma = options_.sigma;

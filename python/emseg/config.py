@@ -97,7 +97,7 @@ class Config:
     )
     axis_doubt: float = number(
         20.0,
-        "Cost of an event by a motion along the columns or rows of pixels, which straight edges feign",
+        "Cost of an event, when motions are searched, by one along columns or rows: straight edges feign it",
         least=0,
         most=255,
     )

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "emseg/alternation.hpp"
-#include "emseg/axis_doubt.hpp"
 #include "synthetic_events.hpp"
 
 using namespace emseg;
@@ -72,8 +71,7 @@ Outcome alternated(const std::vector<MotionModel>& models, const AlternationOpti
   return {alternation.models(), alternation.labels(), alternation.trace(), alternation.reference()};
 }
 
-// The definition: data, doubts of blocks of 16 px, edges of the event graph, used labels; those from
-// `first_free` on are free.
+// The definition: data, edges of the event graph, used labels; those from `first_free` on are free.
 std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& options,
                             std::size_t first_free = 1000) {
   IweWorkspace workspace;
@@ -84,13 +82,10 @@ std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& op
                      gaussian_taps(options.sigma), workspace, support);
     std::vector<std::int32_t> costs(window().size());
     integer_costs(options.term, support.sharpness, outcome.reference, options.lambda_data, costs);
-    const BlockGrid blocks = make_block_grid(window().points.view(), plane, 16);
-    const auto doubts = axis_doubts(blocks, outcome.models[l], frame, window().points.view().seconds(),
-                                    options.lambda_data * options.axis_doubt);
     bool used = false;
     for (std::size_t k = 0; k < window().size(); ++k) {
       if (outcome.labels[k] != static_cast<std::int32_t>(l)) continue;
-      energy += costs[k] + doubts[static_cast<std::size_t>(blocks.of_event[k])];
+      energy += costs[k];
       used = true;
     }
     if (used && l < first_free) energy += options.label_cost;
@@ -260,37 +255,6 @@ TEST_CASE("every model has a label cost of its own, where they are given, which 
       CHECK(alternated(models, options).models.size() == 1);
       options.label_costs.back() = 0;
       CHECK(accuracy(alternated(models, options)) > 0.95);
-    }
-  }
-}
-
-TEST_CASE("doubt of motions along the grid is part of the energy") {
-  // 10 px along the rows, and half a pixel across: a wrong motion, by which some events fall on others.
-  const std::vector<MotionModel> models{scene_motion, Similarity{{250, 12, 0, 0}}};
-  for (const DataTerm term : terms) {
-    for (const Labelling labelling : labellings) {
-      CAPTURE(name_of(term));
-      CAPTURE(name_of(labelling));
-      AlternationOptions options = options_of(term, labelling);
-      options.lambda_data = 2;
-      options.smooth_cost = 4;
-      options.label_cost = 0;
-      std::vector<std::ptrdiff_t> followers;
-      for (const double doubt : {0.0, 15.0, 60.0}) {
-        CAPTURE(doubt);
-        options.axis_doubt = doubt;
-        options.iterations = 0;  // the labels of the models given
-        const Outcome outcome = alternated(models, options);
-        CHECK(outcome.energy() == defined_energy(outcome, options));
-        followers.push_back(std::ranges::count(outcome.labels, 1));
-        options.iterations = 5;
-        const Outcome refitted = alternated(models, options);
-        CHECK(std::is_sorted(refitted.trace.rbegin(), refitted.trace.rend()));
-        CHECK(refitted.energy() == defined_energy(refitted, options));
-      }
-      CHECK(followers[0] > followers[1]);
-      CHECK(followers[1] > followers[2]);
-      CHECK(followers[1] > 0);
     }
   }
 }

@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <thread>
 
-#include "emseg/axis_doubt.hpp"
 #include "emseg/pixel_footprint.hpp"
 #include "emseg/sampling.hpp"
 #include "segmenter_windows.hpp"
@@ -31,8 +30,7 @@ double accuracy(const Segmentation& result, const RecordedEvents& events) {
   return right / static_cast<double>(events.size());
 }
 
-// The energy of a result, written out: data and doubts, edges between labels, labels used; nothing is
-// tracked.
+// The energy of a result, written out: data, edges between labels, labels used; nothing is tracked.
 std::int64_t written_out_energy(const Segmentation& result, const RecordedEvents& events,
                                 const SegmenterOptions& options) {
   const WarpFrame frame = make_warp_frame(sensor);
@@ -50,13 +48,10 @@ std::int64_t written_out_energy(const Segmentation& result, const RecordedEvents
     evaluate_support(points.view(), result.models[l], frame, canvas_of(plane), taps, workspace, support);
     integer_costs(options.data_term, support.sharpness, result.reference_sharpness, options.lambda_data,
                   costs);
-    const BlockGrid blocks = make_block_grid(points.view(), plane, 16);
-    const auto doubts = axis_doubts(blocks, result.models[l], frame, points.view().seconds(),
-                                    options.lambda_data * options.axis_doubt);
     bool used = false;
     for (std::size_t k = 0; k < events.size(); ++k) {
       if (result.labels[k] != static_cast<std::int32_t>(l)) continue;
-      energy += costs[k] + doubts[static_cast<std::size_t>(blocks.of_event[k])];
+      energy += costs[k];
       used = true;
     }
     const double label_cost = options.lambda_label

@@ -8,7 +8,6 @@
 
 #include "emseg/band_expansion.hpp"
 #include "emseg/data_term.hpp"
-#include "emseg/model_selection.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/stage_clock.hpp"
 
@@ -32,7 +31,6 @@ struct AlternationOptions {
   std::vector<std::int64_t> label_costs;                  // of each model given, where they differ
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
-  double axis_doubt = 0;    // cost of an event by a motion along an axis (axis_doubt.hpp)
   double sigma = 1;         // blur of the data term's images, px
   int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
   double tolerance = 1e-3;  // share of the energy: what falls less has stopped falling
@@ -42,12 +40,11 @@ struct AlternationOptions {
 };
 
 // Labels and models of one window with their energy
-//   E(L, M) = lambda_D sum_k (D(e_k, M_L(k)) + A(e_k, M_L(k))) + lambda_P sum_(i,j) [L_i != L_j]
-//             + sum_(l used) lambda_M(l)
-// with the doubt A of axis_doubt.hpp by blocks of 16 px, and lambda_M one for all labels or one for each.  A
-// refit keeps the label cost of the model that it takes the place of.  No step raises E.  G_ref, the
-// sharpness that costs nothing, is part of the published energy and follows the models there (the largest
-// pixel of any of them); the logarithmic term's is taken once, from the models given.
+//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + sum_(l used) lambda_M(l),
+// lambda_M one for all labels or one for each.  A refit keeps the label cost of the model that it takes the
+// place of.  No step raises E.  G_ref, the sharpness that costs nothing, is part of the published energy and
+// follows the models there (the largest pixel of any of them); the logarithmic term's is taken once, from the
+// models given.
 class Alternation {
  public:
   // What is passed by reference must outlive the alternation.  There is at least one model and one point.
@@ -73,8 +70,7 @@ class Alternation {
   bool refit();
   bool members_changed(std::size_t label) const;
   void evaluate(const MotionModel& model, int worker, ModelSupport& support);
-  void evaluate_costs(const MotionModel& model, const ModelSupport& support,
-                      std::vector<std::int32_t>& costs) const;
+  void evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const;
   double reference_with(std::size_t label, const ModelSupport& support) const;
   std::int64_t data_cost() const;
   void set_reference(double reference);
@@ -93,8 +89,6 @@ class Alternation {
   const std::vector<float> taps_;
   std::vector<IweWorkspace> support_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
-
-  const BlockGrid doubt_grid_;
 
   std::vector<MotionModel> models_;
   std::vector<ModelSupport> supports_;

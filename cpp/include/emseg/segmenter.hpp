@@ -45,7 +45,7 @@ struct SegmenterOptions {
   std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
   double lambda_label_per_event = 0.25;
   double tracked_share = 0.5;  // of the cost of a label, that a tracked object's costs (WindowPrior)
-  double axis_doubt = 20;      // what an event costs more by a motion along an axis (axis_doubt.hpp)
+  double axis_doubt = 20;      // what an event costs more in the pool's search by a motion along an axis
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
   Flicker flicker = Flicker::left_out;
