@@ -70,12 +70,12 @@ def test_energy_never_rises_in_any_window():
 
 
 def test_the_made_scene_is_segmented_and_its_objects_keep_their_tracks():
-    """Moving camera, two objects.  The bounds are what is measured: moving IoU .882, identities .99."""
+    """Moving camera, two objects.  The bounds are what is measured: moving IoU .905, identities .99."""
     with np.load(bundled()["made_scene"]) as arrays:
         truth = arrays["label"].astype(np.int64)
     windows = run("made_scene", "adaptive")
     labels = np.concatenate([window.labels for window in windows])
-    assert evaluate(truth, labels)["moving_iou_deployed"] >= 0.88
+    assert evaluate(truth, labels)["moving_iou_deployed"] >= 0.9
     tracks = []
     for thing in (1, 2):
         found = labels[(truth == thing) & (labels > 0)]
@@ -88,7 +88,7 @@ def test_the_made_scene_is_segmented_and_its_objects_keep_their_tracks():
 def test_every_car_is_found_in_most_of_its_frames():
     """A box is found by the criterion of the EED data set.
 
-    174 of 176 were found when this was written; 95 % are asked for.
+    173 of 176 were found when this was written; 95 % are asked for.
 
     The boxes were made automatically, every 25 ms, and are good to 1.8 s; then the cars merge.
     """
