@@ -166,11 +166,13 @@ class PoolSearch {
                                      : label_cost_);
     }
     sharpness_.resize(models_.size());
+    doubts_.resize(models_.size());
     pool_.for_each(models.size(), [&](std::size_t i, int worker) {
       std::vector<std::uint16_t>& sharpness = sharpness_[before + i];
       sharpness.resize(points_.size());
       count_sharpness(points_.view(), models_[before + i], frame_, canvas_of(plane_),
                       count_workspaces_[static_cast<std::size_t>(worker)], sharpness);
+      doubts_[before + i] = axis_doubts(grid_, models_[before + i], frame_, window_, options_.axis_doubt);
     });
   }
 
@@ -183,8 +185,7 @@ class PoolSearch {
     costs_.resize(models_.size());
     pool_.for_each(models_.size() - known, [&](std::size_t i, int) {
       const std::size_t m = known + i;
-      const auto doubts = axis_doubts(grid_, models_[m], frame_, window_, options_.axis_doubt);
-      costs_[m] = block_costs(grid_, sharpness_[m], cost_of_, doubts);
+      costs_[m] = block_costs(grid_, sharpness_[m], cost_of_, doubts_[m]);
     });
     selection_ = select_models(costs_, label_costs_);
   }
@@ -348,6 +349,7 @@ class PoolSearch {
   std::vector<std::uint8_t> tracked_;                  // per model
   std::vector<std::int64_t> label_costs_;              // per model
   std::vector<std::vector<std::uint16_t>> sharpness_;  // per model, per point
+  std::vector<std::vector<std::int32_t>> doubts_;      // per model, per block
   std::vector<std::uint8_t> cost_of_;                  // an event, by its sharpness
   std::vector<std::vector<std::int32_t>> costs_;       // per model, per block
   Selection selection_;
