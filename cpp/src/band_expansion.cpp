@@ -407,8 +407,11 @@ template <typename Cost>
 ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
                                                 std::span<const std::int32_t> initial) {
   const bool cold = initial.empty();
-  const BlockLabels coarse = label_blocks<Cost>(blocks_, problem, initial, options_, widest_, workspace_);
-  choose_candidates(problem, coarse, initial);
+  MergedLabels start;
+  if (!cold) start = merge_window_labels(graph_, problem, initial);
+  const BlockLabels coarse =
+      label_blocks<Cost>(blocks_, problem, start.labels, options_, widest_, workspace_);
+  choose_candidates(problem, coarse, start.labels);
   const std::vector<std::int32_t> first = as_candidates(coarse.first);
   const std::vector<std::int32_t> second = as_candidates(coarse.second);
   std::vector<std::uint8_t> marked(first.size());  // blocks at which finer levels look
@@ -417,13 +420,14 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
   if (cold) {
     begin_labels(second);
   } else {
-    begin_labels_from(as_candidates(initial));
+    begin_labels_from(as_candidates(start.labels));
   }
   used_.assign(candidates_.size(), 0);
   for (const std::int32_t label : labels_) ++used_[label];
   ExpansionResult result;
-  result.energy = evaluate_window(graph_, problem, original_labels());
+  result.energy = cold ? evaluate_window(graph_, problem, original_labels()) : start.energy;
   result.energy_trace.push_back(result.energy);
+  result.energy -= start.gain;
 
   if (cold) {
     mark_block_rims(first, marked);

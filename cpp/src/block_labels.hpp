@@ -10,6 +10,7 @@
 
 #include "emseg/band_expansion.hpp"
 #include "expansion_moves.hpp"
+#include "label_merging.hpp"
 #include "pixel_blocks.hpp"
 
 namespace emseg {
@@ -88,6 +89,7 @@ BlockLabels label_blocks(const PixelBlocks& blocks, const WindowLabeling& proble
   Part<Cost> part = block_problem<Cost>(blocks, problem);
   const auto solve = [&](double share) {
     set_block_weights(blocks, share * problem.smooth_cost, part);
+    merge_labels(part.view(), part.labels);
     expand_in_turn(part.view(), options.max_sweeps, widest, workspace, part.labels);
   };
   if (!initial.empty()) {

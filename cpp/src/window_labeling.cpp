@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "checked_sum.hpp"
+#include "label_merging.hpp"
 
 namespace emseg {
 namespace {
@@ -75,32 +76,44 @@ void check_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
   }
 }
 
-std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& problem,
-                             std::span<const std::int32_t> labels) {
+namespace {
+
+// visit(a, b, n) for n edges between events of two labels, for all such edges.
+template <typename Visit>
+void visit_cut(const PixelGraph& graph, std::span<const std::int32_t> labels, const Visit& visit) {
   // Pixels of one label need no look at their events where they meet.
   constexpr std::int32_t mixed = -1;
   std::vector<std::int32_t> pixel_label(graph.pixels.size());
-  std::int64_t cut = 0;
   for (std::int32_t p = 0; p < graph.pixel_count(); ++p) {
     const auto own = graph.events_of(p);
-    std::int32_t changes = 0;
-    for (std::size_t i = 1; i < own.size(); ++i) changes += labels[own[i]] != labels[own[i - 1]] ? 1 : 0;
-    pixel_label[p] = changes == 0 ? labels[own.front()] : mixed;
-    cut += changes;
+    pixel_label[p] = labels[own.front()];
+    for (std::size_t i = 1; i < own.size(); ++i) {
+      if (labels[own[i]] == labels[own[i - 1]]) continue;
+      pixel_label[p] = mixed;
+      visit(labels[own[i - 1]], labels[own[i]], 1);
+    }
   }
   for (std::int32_t p = 0; p < graph.pixel_count(); ++p) {
     for (const std::int32_t q : graph.neighbours_of(p)) {
       if (q < p || (pixel_label[p] == pixel_label[q] && pixel_label[p] != mixed)) continue;
       const auto own = graph.events_of(p), other = graph.events_of(q);
       if (pixel_label[p] != mixed && pixel_label[q] != mixed) {
-        cut += count_event_edges(own, other);
+        visit(pixel_label[p], pixel_label[q], count_event_edges(own, other));
       } else {
         visit_event_edges(own, other, [&](std::size_t i, std::size_t j) {
-          cut += labels[own[i]] != labels[other[j]] ? 1 : 0;
+          if (labels[own[i]] != labels[other[j]]) visit(labels[own[i]], labels[other[j]], 1);
         });
       }
     }
   }
+}
+
+}  // namespace
+
+std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& problem,
+                             std::span<const std::int32_t> labels) {
+  std::int64_t cut = 0;
+  visit_cut(graph, labels, [&](std::int32_t, std::int32_t, std::int32_t edges) { cut += edges; });
   std::int64_t energy = cut * problem.smooth_cost;
   std::vector<std::uint8_t> used(problem.label_count(), 0);
   for (std::size_t k = 0; k < labels.size(); ++k) {
@@ -110,6 +123,32 @@ std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& prob
   }
   for (std::size_t l = 0; l < used.size(); ++l) energy += used[l] != 0 ? problem.cost_of_label(l) : 0;
   return energy;
+}
+
+MergedLabels merge_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
+                                 std::span<const std::int32_t> labels) {
+  const std::size_t count = problem.label_count();
+  LabelTotals totals(count);
+  for (const std::int32_t label : labels) totals.add_site(label);
+  std::vector<std::int64_t> by_label(count);
+  for (std::size_t l = 0; l < count; ++l) {
+    std::fill(by_label.begin(), by_label.end(), 0);
+    for (std::size_t k = 0; k < labels.size(); ++k) by_label[labels[k]] += problem.unary[l][k];
+    for (std::size_t own = 0; own < count; ++own) {
+      totals.add_data(static_cast<std::int32_t>(own), static_cast<std::int32_t>(l), by_label[own]);
+    }
+  }
+  visit_cut(graph, labels, [&](std::int32_t a, std::int32_t b, std::int32_t edges) {
+    totals.add_cut(a, b, std::int64_t{edges} * problem.smooth_cost);
+  });
+  const auto cost_of_label = [&](std::size_t l) { return problem.cost_of_label(l); };
+  MergedLabels merged{{labels.begin(), labels.end()}, totals.energy(cost_of_label), 0};
+  const auto [becomes, gain] = totals.merge(cost_of_label);
+  merged.gain = gain;
+  if (gain > 0) {
+    for (std::int32_t& label : merged.labels) label = becomes[label];
+  }
+  return merged;
 }
 
 std::int64_t window_energy(const PixelGraph& graph, const WindowLabeling& problem,

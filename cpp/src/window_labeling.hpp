@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "emseg/band_expansion.hpp"
 
@@ -18,5 +19,14 @@ void check_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
 // The energy of what has been checked.
 std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& problem,
                              std::span<const std::int32_t> labels);
+
+// Labels merged whole as long as that lowers the energy.
+struct MergedLabels {
+  std::vector<std::int32_t> labels;
+  std::int64_t energy = 0;  // of the labels given
+  std::int64_t gain = 0;
+};
+MergedLabels merge_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
+                                 std::span<const std::int32_t> labels);
 
 }  // namespace emseg
