@@ -137,10 +137,19 @@ void bind_segmenter(py::module_& m) {
   py::class_<Segmenter>(m, "Segmenter",
                         "The engine for one sensor: keeps tables, threads and memory between windows.")
       .def(py::init([](int width, int height, const SegmenterOptions& options,
-                       const std::optional<Camera>& camera) {
-             return std::make_unique<Segmenter>(ImageSize{width, height}, camera, options);
+                       const std::optional<Camera>& camera,
+                       const std::optional<std::pair<Array<float>, Array<float>>>& undistortion) {
+             const ImageSize size{width, height};
+             std::optional<UndistortionTable> table;
+             if (undistortion) {
+               const auto x = view(undistortion->first), y = view(undistortion->second);
+               table = UndistortionTable{size, {x.begin(), x.end()}, {y.begin(), y.end()}};
+             }
+             return std::make_unique<Segmenter>(size, camera, options, std::move(table));
            }),
-           py::arg("width"), py::arg("height"), py::arg("options"), py::arg("camera") = std::nullopt)
+           py::arg("width"), py::arg("height"), py::arg("options"), py::arg("camera") = std::nullopt,
+           py::arg("undistortion") = std::nullopt,
+           "The camera's undistortion table, where it is made already, saves making it.")
       .def(
           "segment",
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,

@@ -10,6 +10,7 @@
 
 #include "emseg/band_expansion.hpp"
 #include "expansion_moves.hpp"
+#include "grouped_problem.hpp"
 #include "label_merging.hpp"
 #include "pixel_blocks.hpp"
 
@@ -87,26 +88,27 @@ BlockLabels label_blocks(const PixelBlocks& blocks, const WindowLabeling& proble
                          std::int64_t widest, ExpansionWorkspace& workspace) {
   const std::size_t label_count = problem.label_count();
   Part<Cost> part = block_problem<Cost>(blocks, problem);
-  const auto solve = [&](double share) {
+  const auto solve = [&](double share, Expanded expanded) {
     set_block_weights(blocks, share * problem.smooth_cost, part);
     merge_labels(part.view(), part.labels);
-    expand_in_turn(part.view(), options.max_sweeps, widest, workspace, part.labels);
+    expand_in_turn(part.view(), options.max_sweeps, widest, workspace, part.labels, {}, expanded);
   };
   if (!initial.empty()) {
     part.labels = block_majorities(blocks, initial, label_count);
     BlockLabels result{part.labels, {}};
-    solve(options.lenient_smoothness);
+    solve(options.lenient_smoothness, Expanded::all);
     result.second = std::move(part.labels);
     return result;
   }
-  for (auto row = part.unary.begin(); row != part.unary.end();
-       row += static_cast<std::ptrdiff_t>(label_count)) {
-    const auto cheapest = std::min_element(row, row + static_cast<std::ptrdiff_t>(label_count));
-    part.labels.push_back(static_cast<std::int32_t>(cheapest - row));
-  }
-  solve(options.lenient_smoothness);
+  set_block_weights(blocks, options.lenient_smoothness * problem.smooth_cost, part);
+  const GroupedProblem groups(part.view());
+  std::vector<std::int32_t> of_group = cheapest_labels(groups.view());
+  merge_labels(groups.view(), of_group);
+  expand_in_turn(groups.view(), options.max_sweeps, widest, workspace, of_group);
+  part.labels = groups.spread(of_group);
+  solve(options.lenient_smoothness, Expanded::all);
   BlockLabels result{part.labels, {}};
-  solve(1);
+  solve(1, Expanded::used);  // smoother labels are fewer
   result.second = std::move(part.labels);
   return result;
 }

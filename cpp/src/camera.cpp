@@ -275,21 +275,20 @@ UndistortionTable make_undistortion_table(const Camera& camera) {
     table.y.push_back(static_cast<float>(undistorted.y));
   };
   for (int y = 0; y < camera.size.height; ++y) {
-    Point2 left{};  // what the pixel to the left comes from: a step or two of Newton's method from the next
+    // What the pixel to the left comes from, and how far the way was from the one before it: where the next
+    // pixel goes on like that, a step of Newton's method is left.
+    Point2 left{}, way{};
     for (int x = 0; x < camera.size.width; ++x) {
       const Point2 pixel{double(x), double(y)};
+      std::optional<Point2> u;
       if (camera.model == DistortionModel::radtan && x > 0) {
-        const auto u =
-            solve_radtan(camera, profile, to_plane(camera, pixel), {left.x + 1 / camera.fx, left.y});
-        if (u) {
-          left = *u;
-          add(to_pixel(camera, *u));
-          continue;
-        }
+        u = solve_radtan(camera, profile, to_plane(camera, pixel), {left.x + way.x, left.y + way.y});
       }
-      const Point2 undistorted = undistort(camera, profile, pixel);
-      left = to_plane(camera, undistorted);
+      const Point2 undistorted = u ? to_pixel(camera, *u) : undistort(camera, profile, pixel);
       add(undistorted);
+      const Point2 here = u ? *u : to_plane(camera, undistorted);
+      way = x > 0 ? Point2{here.x - left.x, here.y - left.y} : Point2{1 / camera.fx, 0};
+      left = here;
     }
   }
   return table;

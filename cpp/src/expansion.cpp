@@ -20,18 +20,6 @@ ExpansionWorkspace& ExpansionWorkspace::operator=(ExpansionWorkspace&&) noexcept
 
 namespace {
 
-template <typename Cost>
-std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& problem) {
-  const auto label_count = static_cast<std::ptrdiff_t>(problem.label_count);
-  std::vector<std::int32_t> labels(problem.site_count());
-  auto row = problem.unary.begin();
-  for (std::int32_t& label : labels) {
-    label = static_cast<std::int32_t>(std::min_element(row, row + label_count) - row);
-    row += label_count;
-  }
-  return labels;
-}
-
 // Groups pay where moves are dear: below, a whole expansion is a matter of a millisecond.
 constexpr std::size_t kLeastSites = 1000;
 
@@ -72,16 +60,16 @@ ExpansionResult checked_expansion(const BasicLabelingProblem<Cost>& problem,
 
   const OrderedProblem<Cost> ordered(problem);
   result.labels = ordered.ordered(result.labels);
-  FirstLabels first = FirstLabels::all;
+  Expanded expanded = Expanded::all;
   constexpr auto kLargest = std::numeric_limits<std::int64_t>::max();
   if (options.max_sweeps > 0 && problem.site_count() >= kLeastSites &&
       widest <= kLargest / static_cast<std::int64_t>(GroupedProblem::kMostSites)) {
     result.energy -=
         expand_groups(ordered.view(), result.energy, options.max_sweeps, widest, workspace, result.labels);
-    first = FirstLabels::used;
+    expanded = Expanded::used_first;
   }
   for (const std::int64_t gain :
-       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels, {}, first)) {
+       expand_in_turn(ordered.view(), options.max_sweeps, widest, workspace, result.labels, {}, expanded)) {
     result.energy -= gain;
     result.energy_trace.push_back(result.energy);
   }

@@ -81,19 +81,23 @@ class MovesInTurn {
   std::int64_t changes_ = 0;
 };
 
-enum class FirstLabels { all, used };
+// Which labels are expanded.
+enum class Expanded {
+  all,
+  used_first,  // all, once those in use are settled among themselves
+  used,        // those in use alone
+};
 
-// Expands every label in turn until none has anything to gain, in at most `max_sweeps` sweeps.  Returns the
-// gain of every sweep.  With FirstLabels::used the labels in use are settled among themselves before; that
-// comes first in what is returned.
+// Expands labels in turn until none has anything to gain, in at most `max_sweeps` sweeps.  Returns the gain of
+// every sweep; with Expanded::used_first, what settles the labels in use comes first.
 template <typename Cost, typename Capacity, typename Residual>
 std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& problem, int max_sweeps,
                                          ExpansionMove<Capacity, Residual>& move,
                                          std::vector<std::int32_t>& labels,
-                                         std::span<const std::uint64_t> allowed, FirstLabels first) {
+                                         std::span<const std::uint64_t> allowed, Expanded expanded) {
   MovesInTurn<Cost, Capacity, Residual> moves(problem, move, labels, allowed);
   std::vector<std::int64_t> gains;
-  if (first == FirstLabels::used) {
+  if (expanded != Expanded::all) {
     gains.push_back(0);
     for (int sweep = 0; sweep < max_sweeps; ++sweep) {
       const std::int64_t gain = moves.sweep_used();
@@ -101,6 +105,7 @@ std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& probl
       if (gain == 0) break;
     }
   }
+  if (expanded == Expanded::used) return gains;
   for (int sweep = 0; sweep < max_sweeps && !moves.is_settled(); ++sweep) gains.push_back(moves.sweep());
   return gains;
 }
@@ -112,17 +117,17 @@ std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& probl
                                          std::int64_t widest, ExpansionWorkspace& workspace,
                                          std::vector<std::int32_t>& labels,
                                          std::span<const std::uint64_t> allowed = {},
-                                         FirstLabels first = FirstLabels::all) {
+                                         Expanded expanded = Expanded::all) {
   ExpansionWorkspace::Moves& moves = workspace.moves();
   if (widest > std::numeric_limits<std::int32_t>::max()) {
-    return expand_in_turn(problem, max_sweeps, moves.wide, labels, allowed, first);
+    return expand_in_turn(problem, max_sweeps, moves.wide, labels, allowed, expanded);
   }
   Cost heaviest = 0;
   for (const Cost weight : problem.weight) heaviest = std::max(heaviest, weight);
   if (heaviest <= std::numeric_limits<std::int16_t>::max() / 2) {
-    return expand_in_turn(problem, max_sweeps, moves.small, labels, allowed, first);
+    return expand_in_turn(problem, max_sweeps, moves.small, labels, allowed, expanded);
   }
-  return expand_in_turn(problem, max_sweeps, moves.narrow, labels, allowed, first);
+  return expand_in_turn(problem, max_sweeps, moves.narrow, labels, allowed, expanded);
 }
 
 }  // namespace emseg

@@ -145,8 +145,8 @@ class PoolSearch {
         label_cost_(std::llround(std::min(1e15, options.lambda_label / std::max(1e-9, options.lambda_data) *
                                                     static_cast<double>(points_.size()) /
                                                     static_cast<double>(points.size())))),
-        window_(points_.view().seconds()),
         grid_(make_block_grid(points_.view(), plane, options.block)),
+        axis_doubts_(grid_, points_.view().seconds(), options.axis_doubt),
         count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
@@ -172,7 +172,7 @@ class PoolSearch {
       sharpness.resize(points_.size());
       count_sharpness(points_.view(), models_[before + i], frame_, canvas_of(plane_),
                       count_workspaces_[static_cast<std::size_t>(worker)], sharpness);
-      doubts_[before + i] = axis_doubts(grid_, models_[before + i], frame_, window_, options_.axis_doubt);
+      doubts_[before + i] = axis_doubts_.of(models_[before + i], frame_);
     });
   }
 
@@ -341,8 +341,8 @@ class PoolSearch {
   const PoolOptions& options_;
   ThreadPool& pool_;
   const std::int64_t label_cost_;
-  const double window_;  // s
-  BlockGrid grid_;
+  const BlockGrid grid_;
+  const AxisDoubts axis_doubts_;
   std::vector<CountWorkspace> count_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
   std::vector<MotionModel> models_;

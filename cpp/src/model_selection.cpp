@@ -14,11 +14,13 @@ BlockGrid make_block_grid(const PointView& points, Region plane, int block) {
   grid.columns = (plane.width + block - 1) / block;
   grid.rows = (plane.height + block - 1) / block;
   grid.of_event.resize(points.size());
+  grid.event_count.assign(grid.count(), 0);
   for (std::size_t k = 0; k < points.size(); ++k) {
     const int column = static_cast<int>(points.x[k] - static_cast<float>(plane.x0)) / block;
     const int row = static_cast<int>(points.y[k] - static_cast<float>(plane.y0)) / block;
     grid.of_event[k] =
         std::clamp(row, 0, grid.rows - 1) * grid.columns + std::clamp(column, 0, grid.columns - 1);
+    ++grid.event_count[static_cast<std::size_t>(grid.of_event[k])];
   }
   return grid;
 }
@@ -28,23 +30,35 @@ std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std
                                       std::span<const std::int32_t> doubts) {
   std::vector<std::int32_t> own(grid.count(), 0);
   for (std::size_t k = 0; k < grid.of_event.size(); ++k) {
-    const auto b = static_cast<std::size_t>(grid.of_event[k]);
-    own[b] += cost_of[sharpness[k]];
-    if (!doubts.empty()) own[b] += doubts[b];
+    own[static_cast<std::size_t>(grid.of_event[k])] += cost_of[sharpness[k]];
   }
+  for (std::size_t b = 0; b < doubts.size(); ++b) own[b] += grid.event_count[b] * doubts[b];
   std::vector<std::int32_t> costs(grid.count());
-  for (int row = 0; row < grid.rows; ++row) {
-    for (int column = 0; column < grid.columns; ++column) {
-      std::int32_t sum = 0;
-      std::int32_t neighbours = 0;
-      const auto at = [&](int c, int r) { return own[static_cast<std::size_t>(r * grid.columns + c)]; };
-      if (column > 0) sum += at(column - 1, row), ++neighbours;
-      if (row > 0) sum += at(column, row - 1), ++neighbours;
-      if (column + 1 < grid.columns) sum += at(column + 1, row), ++neighbours;
-      if (row + 1 < grid.rows) sum += at(column, row + 1), ++neighbours;
-      costs[static_cast<std::size_t>(row * grid.columns + column)] =
-          (2 * at(column, row) + sum) / (2 + neighbours);
+  const auto columns = static_cast<std::size_t>(grid.columns), rows = static_cast<std::size_t>(grid.rows);
+  const auto mean_at = [&](std::size_t column, std::size_t row) {
+    const std::size_t b = row * columns + column;
+    std::int32_t sum = 2 * own[b], weight = 2;
+    if (column > 0) sum += own[b - 1], ++weight;
+    if (row > 0) sum += own[b - columns], ++weight;
+    if (column + 1 < columns) sum += own[b + 1], ++weight;
+    if (row + 1 < rows) sum += own[b + columns], ++weight;
+    return sum / weight;
+  };
+  for (std::size_t row = 0; row < rows; ++row) {
+    std::int32_t* const to = costs.data() + row * columns;
+    const std::int32_t* const at = own.data() + row * columns;
+    if (row == 0 || row + 1 == rows || columns < 2) {
+      for (std::size_t column = 0; column < columns; ++column) to[column] = mean_at(column, row);
+      continue;
     }
+    // Inside there are four neighbours, and division by a constant.
+    const std::int32_t *above = at - columns, *below = at + columns;
+    for (std::size_t column = 1; column + 1 < columns; ++column) {
+      to[column] =
+          (2 * at[column] + at[column - 1] + at[column + 1] + above[column] + below[column]) / 6;
+    }
+    to[0] = mean_at(0, row);
+    to[columns - 1] = mean_at(columns - 1, row);
   }
   return costs;
 }

@@ -228,19 +228,30 @@ double events_beyond(const EventView& events, std::span<const std::int64_t> own,
   if (own.empty() || !(length > 0)) return 0;
   if (events.p.size() != events.size()) throw std::invalid_argument("events have no polarities");
   const std::vector<std::size_t> sample = spread_sample(events, own, most);
-  // Off the sensor there is nothing to meet: one more pixel all around holds no events.
-  const int width = sensor.width + 2, height = sensor.height + 2;
-  std::vector<std::int32_t> sums(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0);
-  const auto cell = [&](double x, double y) {
-    const int column = static_cast<int>(std::clamp(std::nearbyint(x), -1.0, double(sensor.width))) + 1;
-    const int row = static_cast<int>(std::clamp(std::nearbyint(y), -1.0, double(sensor.height))) + 1;
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column);
-  };
-  const auto sign = [&](std::size_t k) { return events.p[k] > 0 ? 1 : -1; };
+  const std::int32_t width = sensor.width, height = sensor.height, off_sensor = width * height;
+  std::vector<std::int32_t> sums(static_cast<std::size_t>(off_sensor) + 1, 0);  // off the sensor none is met
+  std::vector<std::int32_t> x, y, sign;
   for (const std::size_t k : sample) {
-    if (events.x[k] >= sensor.width || events.y[k] >= sensor.height) throw_off_sensor(k);
-    sums[cell(events.x[k], events.y[k])] += sign(k);
+    if (events.x[k] >= width || events.y[k] >= height) throw_off_sensor(k);
+    x.push_back(events.x[k]);
+    y.push_back(events.y[k]);
+    sign.push_back(events.p[k] > 0 ? 1 : -1);
+    sums[static_cast<std::size_t>(y.back() * width + x.back())] += sign.back();
   }
+  // Events lie on whole pixels, so that the nearest pixel is equally far from all.
+  const auto whole = [&](double px) {
+    const double farthest = std::max(width, height);
+    return static_cast<std::int32_t>(std::nearbyint(std::clamp(px, -farthest, farthest)));
+  };
+  const auto sum_met = [&](std::int32_t dx, std::int32_t dy) {
+    std::int64_t sum = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const std::int32_t column = x[i] + dx, row = y[i] + dy;
+      const bool inside = column >= 0 && column < width && row >= 0 && row < height;
+      sum += sign[i] * sums[static_cast<std::size_t>(inside ? row * width + column : off_sensor)];
+    }
+    return sum;
+  };
   const Vec2d ahead{along.x / length, along.y / length};
   double met = 0;
   for (const double way : {-1.0, 1.0}) {
@@ -248,12 +259,8 @@ double events_beyond(const EventView& events, std::span<const std::int64_t> own,
       const double lag = way * (share * length + gap);
       std::int64_t fullest = std::numeric_limits<std::int64_t>::min();
       for (int aside = -farthest_aside; aside <= farthest_aside; ++aside) {
-        std::int64_t sum = 0;
-        for (const std::size_t k : sample) {
-          sum += sign(k) * sums[cell(events.x[k] + lag * ahead.x - aside * ahead.y,
-                                     events.y[k] + lag * ahead.y + aside * ahead.x)];
-        }
-        fullest = std::max(fullest, sum);
+        fullest = std::max(fullest, sum_met(whole(lag * ahead.x - aside * ahead.y),
+                                            whole(lag * ahead.y + aside * ahead.x)));
       }
       met += static_cast<double>(fullest) / static_cast<double>(sample.size());
     }

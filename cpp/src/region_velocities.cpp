@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <compare>
+#include <map>
 #include <optional>
 
 #include "displacements.hpp"
@@ -23,6 +25,8 @@ constexpr int margin = 2 * reach + 2;
 
 struct TileRect {
   int left, top, right, bottom;  // half-open, in tiles
+
+  auto operator<=>(const TileRect&) const = default;
 };
 
 // Votes of events for the displacements to later ones of their polarity.
@@ -68,21 +72,48 @@ class EventPairs {
   struct Workspace {
     std::vector<std::uint16_t> pixels;
     std::vector<std::int32_t> later;
-    std::vector<std::uint32_t> used;  // events of a tile that have voted
   };
 
-  // Votes of every tile for displacements between events `lag` seconds apart: patch_size counts a tile.
-  void vote(double lag, bool polarity, std::size_t budget, Workspace& w,
-            std::vector<std::uint16_t>& votes) const {
-    votes.assign(tile_count() * patch_size, 0);
-    w.used.assign(tile_count(), 0);
+  // Votes of tiles, patch_size counts a tile: most tiles have few voters or none, and those without take no
+  // memory.
+  class TileVotes {
+   public:
+    void clear(std::size_t tile_count) {
+      voters_.assign(tile_count, 0);
+      first_.resize(tile_count);
+      counts_.clear();
+    }
+
+    // Null where the tile's counts may not hold one more.
+    std::uint16_t* add_voter(std::size_t tile) {
+      if (voters_[tile] == most_in_tile) return nullptr;
+      if (voters_[tile]++ == 0) {
+        first_[tile] = counts_.size();
+        counts_.resize(counts_.size() + patch_size, 0);
+      }
+      return counts_.data() + first_[tile];
+    }
+
+    // Null where nobody voted.
+    const std::uint16_t* of(std::size_t tile) const {
+      return voters_[tile] > 0 ? counts_.data() + first_[tile] : nullptr;
+    }
+
+   private:
+    std::vector<std::uint32_t> voters_;  // per tile
+    std::vector<std::size_t> first_;     // per tile with voters: its place in counts_
+    std::vector<std::uint16_t> counts_;
+  };
+
+  // Votes of every tile for displacements between events `lag` seconds apart.
+  void vote(double lag, bool polarity, std::size_t budget, Workspace& w, TileVotes& votes) const {
+    votes.clear(tile_count());
     const auto add_patches = kernels().add_patches;
     const auto all = static_cast<double>(events_[0].dt.size() + events_[1].dt.size());
     for_each_pair(lag, polarity, 0, 0, static_cast<double>(budget) / all, w,
                   [&](std::int32_t tile, std::int32_t patch) {
-                    const auto t = static_cast<std::size_t>(tile);
-                    if (w.used[t]++ >= most_in_tile) return;
-                    add_patches(w.pixels.data(), padded_.width, &patch, 1, votes.data() + t * patch_size);
+                    std::uint16_t* const counts = votes.add_voter(static_cast<std::size_t>(tile));
+                    if (counts != nullptr) add_patches(w.pixels.data(), padded_.width, &patch, 1, counts);
                   });
   }
 
@@ -203,24 +234,32 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
 
   // Votes of every tile, for every lag and polarity.
   std::vector<EventPairs::Workspace> workspaces(static_cast<std::size_t>(pool.worker_count()));
-  std::vector<std::vector<std::uint16_t>> votes(2 * lags.size());
+  std::vector<EventPairs::TileVotes> votes(2 * lags.size());
   pool.for_each(votes.size(), [&](std::size_t task, int worker) {
     pairs.vote(lags[task / 2], task % 2 == 1, options.max_voters,
                workspaces[static_cast<std::size_t>(worker)], votes[task]);
   });
 
-  // Peaks of every region, for every lag.
+  // Peaks of every region, for every lag; regions of the same tiles have the same.
+  std::map<TileRect, std::size_t> first_of;
+  std::vector<std::size_t> distinct;
+  for (std::size_t r = 0; r < rects.size(); ++r) {
+    if (first_of.try_emplace(rects[r], r).second) distinct.push_back(r);
+  }
   std::vector<std::vector<DisplacementPeak>> peaks(regions.size() * lags.size());
-  pool.for_each(regions.size(), [&](std::size_t r, int) {
+  pool.for_each(distinct.size(), [&](std::size_t d, int) {
+    const std::size_t r = distinct[d];
     if (pairs.events_in(rects[r]) < least_events) return;
     const auto add_counts = kernels().add_counts;
     for (std::size_t j = 0; j < lags.size(); ++j) {
       Displacements<std::uint32_t> sum{};
       for (int row = rects[r].top; row < rects[r].bottom; ++row) {
         for (int column = rects[r].left; column < rects[r].right; ++column) {
-          const std::size_t first = static_cast<std::size_t>(row * pairs.columns() + column) * patch_size;
-          add_counts(votes[2 * j].data() + first, patch_size, sum.data());
-          add_counts(votes[2 * j + 1].data() + first, patch_size, sum.data());
+          const auto tile = static_cast<std::size_t>(row * pairs.columns() + column);
+          for (const auto* of_lag : {&votes[2 * j], &votes[2 * j + 1]}) {
+            const std::uint16_t* const counts = of_lag->of(tile);
+            if (counts != nullptr) add_counts(counts, patch_size, sum.data());
+          }
         }
       }
       const int limit = static_cast<int>(std::min<double>(reach, std::ceil(options.max_speed * lags[j]) + 1));
@@ -232,6 +271,12 @@ std::vector<std::vector<RegionVelocity>> find_region_velocities(const PointView&
       }
     }
   });
+  for (std::size_t r = 0; r < rects.size(); ++r) {
+    const std::size_t first = first_of.at(rects[r]);
+    for (std::size_t j = 0; first != r && j < lags.size(); ++j) {
+      peaks[r * lags.size() + j] = peaks[first * lags.size() + j];
+    }
+  }
 
   // Those of short lags are followed back to the longest: one for all regions that share it.
   const auto clamped = [&](double speed) { return std::clamp(speed, -options.max_speed, options.max_speed); };

@@ -160,7 +160,8 @@ void SegmenterOptions::check() const {
   require(max_events >= 1, "max_events is 0, expected 1 or more");
 }
 
-Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options)
+Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options,
+                     std::optional<UndistortionTable> undistortion)
     : size_(size),
       frame_(make_warp_frame(size, camera ? &*camera : nullptr)),
       options_(options),
@@ -176,7 +177,13 @@ Segmenter::Segmenter(ImageSize size, const std::optional<Camera>& camera, const 
                                   std::to_string(camera->size.height) + ", the sensor " +
                                   std::to_string(size.width) + "x" + std::to_string(size.height));
     }
-    if (camera->model != DistortionModel::none) undistortion_ = make_undistortion_table(*camera);
+    if (camera->model != DistortionModel::none) {
+      undistortion_ = undistortion ? std::move(*undistortion) : make_undistortion_table(*camera);
+      const auto pixels = static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
+      require(undistortion_->x.size() == pixels && undistortion_->y.size() == pixels,
+              "the undistortion table has " + std::to_string(undistortion_->x.size()) + " and " +
+                  std::to_string(undistortion_->y.size()) + " places, expected " + std::to_string(pixels));
+    }
   }
   plane_ = image_plane(size_, undistortion_ ? &*undistortion_ : nullptr);
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, fields
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -87,16 +88,7 @@ class Camera:
 
     def to_native(self) -> _core.Camera:
         """The same camera for the native core, which checks it."""
-        return _core.Camera(
-            self.width,
-            self.height,
-            fx=self.fx,
-            fy=self.fy,
-            cx=self.cx,
-            cy=self.cy,
-            model=getattr(_core.DistortionModel, self.model or "none"),
-            distortion=[*self.distortion, *[0.0] * (5 - len(self.distortion))],
-        )
+        return _native(self)
 
     @classmethod
     def from_file(
@@ -140,6 +132,30 @@ class Camera:
             return cls(**values)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: {error}") from error
+
+
+@lru_cache(maxsize=16)
+def _native(camera: Camera) -> _core.Camera:
+    """A camera for the native core, made and checked once; it cannot be changed."""
+    return _core.Camera(
+        camera.width,
+        camera.height,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        model=getattr(_core.DistortionModel, camera.model or "none"),
+        distortion=[*camera.distortion, *[0.0] * (5 - len(camera.distortion))],
+    )
+
+
+@lru_cache(maxsize=4)
+def shared_undistortion_table(camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """As `Camera.undistortion_table`, made once for all who read it."""
+    table = camera.undistortion_table()
+    for places in table:
+        places.setflags(write=False)
+    return table
 
 
 def _number(name: str, value: object) -> float:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from emseg import _core
-from emseg.camera import Camera
+from emseg.camera import Camera, shared_undistortion_table
 from emseg.events import EventArray
 
 __all__ = ["ContrastMeasure", "MotionKind", "MotionModel", "fit_motion", "iwe", "warp"]
@@ -128,13 +127,8 @@ def points(
     dt = ((events.t - t_ref) * 1e-6).astype(np.float32)
     if camera is None:
         return events.x.astype(np.float32), events.y.astype(np.float32), dt
-    table_x, table_y = _undistortion_table(camera)
+    table_x, table_y = shared_undistortion_table(camera)
     return table_x[events.y, events.x], table_y[events.y, events.x], dt
-
-
-@lru_cache(maxsize=4)
-def _undistortion_table(camera: Camera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    return camera.undistortion_table()
 
 
 def warp(
@@ -176,7 +170,7 @@ def warp_some(
         int(t_ref),
         *model.native(),
         warp_frame(events, camera),
-        None if camera is None else _undistortion_table(camera),
+        None if camera is None else shared_undistortion_table(camera),
     )
 
 
@@ -187,7 +181,7 @@ def undistorted(
     if camera is None:
         return places
     column, row = np.clip(np.rint(places), 0, (events.width - 1, events.height - 1)).astype(np.intp).T
-    return np.column_stack([table[row, column] for table in _undistortion_table(camera)]).astype(np.float64)
+    return np.column_stack([table[row, column] for table in shared_undistortion_table(camera)]).astype(np.float64)
 
 
 def iwe(

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from emseg import _core
-from emseg.camera import Camera
+from emseg.camera import Camera, shared_undistortion_table
 from emseg.config import Config
 from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
@@ -224,11 +224,13 @@ class Segmenter:
         self.height = height
         self.camera = camera
         self.config = config or Config()
-        self._native_camera = camera.to_native() if camera else None
         self._engine = self._new_engine(engine_options(self.config))
 
     def _new_engine(self, options: _core.SegmenterOptions) -> _core.Segmenter:
-        return _core.Segmenter(self.width, self.height, options, self._native_camera)
+        if self.camera is None:
+            return _core.Segmenter(self.width, self.height, options)
+        table = shared_undistortion_table(self.camera) if self.camera.distortion else None
+        return _core.Segmenter(self.width, self.height, options, self.camera.to_native(), table)
 
     def segment(
         self,

@@ -14,6 +14,11 @@ namespace {
 
 constexpr double window = 0.04;  // s
 
+std::vector<std::int32_t> axis_doubts(const BlockGrid& grid, const MotionModel& model, const WarpFrame& frame,
+                                      double seconds, double cost) {
+  return AxisDoubts(grid, seconds, cost).of(model, frame);
+}
+
 BlockGrid grid_over(Region plane, int block) { return make_block_grid(Points{}.view(), plane, block); }
 
 double share(double value) { return std::min(1.0, std::max(0.0, value)); }

@@ -200,6 +200,7 @@ TEST_CASE("every event belongs to the block it lies in, the last ones narrower")
   CHECK(grid.rows == 2);
   CHECK(grid.count() == 6);
   CHECK(grid.of_event == std::vector<std::int32_t>{0, 0, 1, 1, 5, 0});
+  CHECK(grid.event_count == std::vector<std::int32_t>{3, 2, 0, 0, 0, 1});
 }
 
 TEST_CASE("the cost of a block is that of its events and half its neighbours', rounded down") {
@@ -212,6 +213,7 @@ TEST_CASE("the cost of a block is that of its events and half its neighbours', r
     grid.columns = columns;
     grid.rows = rows;
     std::vector<std::uint16_t> sharpness;
+    grid.event_count.assign(grid.count(), 0);
     std::vector<std::int32_t> own(grid.count(), 0);
     // Without doubts, or with some for every event of a block.
     std::vector<std::int32_t> doubts;
@@ -220,6 +222,7 @@ TEST_CASE("the cost of a block is that of its events and half its neighbours', r
       grid.of_event.push_back(whole(random, columns * rows));
       sharpness.push_back(static_cast<std::uint16_t>(random() % cost_of.size()));
       const auto block = static_cast<std::size_t>(grid.of_event.back());
+      ++grid.event_count[block];
       own[block] += cost_of[sharpness.back()] + (doubts.empty() ? 0 : doubts[block]);
     }
     const auto costs = block_costs(grid, sharpness, cost_of, doubts);

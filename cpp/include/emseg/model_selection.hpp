@@ -16,6 +16,7 @@ struct BlockGrid {
   int columns = 0;
   int rows = 0;
   std::vector<std::int32_t> of_event;
+  std::vector<std::int32_t> event_count;  // per block
 
   std::size_t count() const { return static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows); }
 };

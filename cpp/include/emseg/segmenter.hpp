@@ -90,8 +90,10 @@ struct WindowPrior {
 // Calls from several threads take turns.
 class Segmenter {
  public:
-  // Throws std::invalid_argument where the options, the size or the camera do not fit.
-  Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options);
+  // The camera's undistortion table, where it is made already, saves making it.
+  // Throws std::invalid_argument where the options, the size, the camera or its table do not fit.
+  Segmenter(ImageSize size, const std::optional<Camera>& camera, const SegmenterOptions& options,
+            std::optional<UndistortionTable> undistortion = std::nullopt);
 
   // Segments one window: space-time graph, model pool, then labels and models in turn while the energy falls.
   // Throws std::invalid_argument where the events are not valid (see check_events) or the prior does not fit.
