@@ -43,19 +43,22 @@ std::vector<DisplacementPeak> peaks_of(const Displacements<Count>& counts, int l
     for (int dx = -limit; dx <= limit; ++dx) {
       const Count middle = counts[index(dx, dy)];
       if (middle <= enough) continue;
-      double sum = 0, along_x = 0, along_y = 0;
       bool highest = true;
+      for (int j = -1; highest && j <= 1; ++j) {
+        for (int i = -1; i <= 1; ++i) highest = highest && counts[index(dx + i, dy + j)] <= middle;
+      }
+      if (!highest) continue;
+      double sum = 0, along_x = 0, along_y = 0;
       for (int j = -1; j <= 1; ++j) {
         for (int i = -1; i <= 1; ++i) {
           const Count count = counts[index(dx + i, dy + j)];
-          highest = highest && count <= middle;
           const double excess = std::max(0.0, count - mean);
           sum += excess;
           along_x += i * excess;
           along_y += j * excess;
         }
       }
-      if (!highest || sum < least * chance) continue;
+      if (sum < least * chance) continue;
       peaks.push_back({dx + along_x / sum, dy + along_y / sum, sum / chance});
     }
   }

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "displacements.hpp"
+#include "emseg/aligned.hpp"
 #include "emseg/sampling.hpp"
 #include "kernels/kernel_table.hpp"
 
@@ -74,35 +75,39 @@ class EventPairs {
     std::vector<std::int32_t> later;
   };
 
-  // Votes of tiles, patch_size counts a tile: most tiles have few voters or none, and those without take no
-  // memory.
+  // Votes of tiles, patch_size counts a tile.  Tiles without voters, which may be most, take no memory.
   class TileVotes {
    public:
     void clear(std::size_t tile_count) {
       voters_.assign(tile_count, 0);
-      first_.resize(tile_count);
-      counts_.clear();
+      place_.resize(tile_count);
+      pages_.clear();
+      taken_ = 0;
     }
 
     // Null where the tile's counts may not hold one more.
     std::uint16_t* add_voter(std::size_t tile) {
       if (voters_[tile] == most_in_tile) return nullptr;
       if (voters_[tile]++ == 0) {
-        first_[tile] = counts_.size();
-        counts_.resize(counts_.size() + patch_size, 0);
+        if (taken_ % per_page == 0) pages_.emplace_back(per_page * patch_size, std::uint16_t{0});
+        place_[tile] = taken_++;
       }
-      return counts_.data() + first_[tile];
+      return pages_[place_[tile] / per_page].data() + place_[tile] % per_page * patch_size;
     }
 
     // Null where nobody voted.
     const std::uint16_t* of(std::size_t tile) const {
-      return voters_[tile] > 0 ? counts_.data() + first_[tile] : nullptr;
+      if (voters_[tile] == 0) return nullptr;
+      return pages_[place_[tile] / per_page].data() + place_[tile] % per_page * patch_size;
     }
 
    private:
+    static constexpr std::size_t per_page = 16;
+
     std::vector<std::uint32_t> voters_;  // per tile
-    std::vector<std::size_t> first_;     // per tile with voters: its place in counts_
-    std::vector<std::uint16_t> counts_;
+    std::vector<std::size_t> place_;     // per tile with voters, in the order of their first
+    std::vector<std::vector<std::uint16_t, LineAllocator<std::uint16_t>>> pages_;
+    std::size_t taken_ = 0;
   };
 
   // Votes of every tile for displacements between events `lag` seconds apart.

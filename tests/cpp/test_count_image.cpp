@@ -43,12 +43,9 @@ std::vector<int> defined_counts(const Points& points, const MotionModel& model, 
       return std::abs(value) < 1e9 ? static_cast<long>(std::floor(value + 0.5)) : 1'000'000'000L;
     };
     pixel_of.emplace_back(nearest(place.x), nearest(place.y));
-    // A cell that is full takes no more of the same sign.
-    if (on_canvas(pixel_of.back())) {
-      int& sum = votes[pixel_of.back()];
-      sum = std::clamp(sum + sign(k), -127, 127);
-    }
+    if (on_canvas(pixel_of.back())) votes[pixel_of.back()] += sign(k);
   }
+  for (auto& [pixel, sum] : votes) sum = std::clamp(sum, -127, 127);
   std::vector<int> counts;
   for (std::size_t k = 0; k < points.size(); ++k) {
     const auto [x, y] = pixel_of[k];
@@ -163,6 +160,21 @@ TEST_CASE("hot pixels count as 127 events and leave their neighbours' counts in 
   // As do falls.
   points.sign.assign(points.size(), -1.0f);
   CHECK(counted(points, still, {0, 0, 64, 48}) == counts);
+}
+
+TEST_CASE("of hot pixels the excess of one sign counts, whatever came first") {
+  std::mt19937 random(8);
+  for (const std::size_t rises : {0, 100, 127, 500, 20'000}) {
+    for (const std::size_t falls : {1, 300, 10'000}) {
+      Points points;
+      for (std::size_t k = 0; k <= rises + falls; ++k) add(points, k == 0 ? 21 : 20, 20);
+      points.sign.assign(rises + 1, 1.0f);
+      points.sign.resize(points.size(), -1.0f);
+      check_counts(points, still, {0, 0, 64, 48});
+      std::shuffle(points.sign.begin() + 1, points.sign.end(), random);
+      check_counts(points, still, {0, 0, 64, 48});
+    }
+  }
 }
 
 TEST_CASE("rises and falls take each other away, and neither counts for more") {

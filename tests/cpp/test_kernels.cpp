@@ -203,6 +203,18 @@ TEST_CASE("whole votes have the same bits on every level, and are smoothed alike
         REQUIRE(static_cast<std::int16_t>(found[x]) == sign * (sum / 16));
       }
     }
+    const auto clamped = [&](const KernelTable& table) {
+      std::vector<std::uint16_t> counts;
+      for (std::size_t k = 0; k < n; ++k) counts.push_back(static_cast<std::uint16_t>(700 * votes[k]));
+      table.clamp_counts(counts.data(), n, 127);
+      return counts;
+    };
+    require_same(clamped);
+    const auto counts = clamped(kernels());
+    for (std::size_t k = 0; k < n; ++k) {
+      const auto wrapped = static_cast<std::int16_t>(static_cast<std::uint16_t>(700 * votes[k]));
+      REQUIRE(static_cast<std::int16_t>(counts[k]) == std::clamp<int>(wrapped, -127, 127));
+    }
     const Floats x = random_floats(random, n, -6, 40), y = random_floats(random, n, -3, 30);
     require_same([&](const KernelTable& table) {
       std::vector<std::int32_t> cell(n);

@@ -12,8 +12,7 @@ namespace emseg {
 
 // Values of a count image per coinciding event, far from others.
 constexpr int counts_per_event = 16;
-// Votes of a cell that count, either way: one more takes nothing further, one of the other sign takes one
-// back.
+// Votes of a cell that count, either way, once those of the other sign are taken off.
 constexpr int most_votes = 127;
 // One more than the largest value.
 constexpr int count_levels = most_votes * counts_per_event + 1;
@@ -22,6 +21,7 @@ constexpr int count_levels = most_votes * counts_per_event + 1;
 struct CountWorkspace {
   std::vector<float> x, y;            // warped positions
   std::vector<std::int32_t> cell;     // of every point, in the padded image
+  std::vector<std::int16_t> sign;     // of every point
   std::vector<std::uint16_t> votes;   // the image, padded by the binomial's radius
   std::vector<std::uint16_t> column;  // one row after the vertical pass
   std::vector<std::uint16_t> smooth;  // the smoothed image

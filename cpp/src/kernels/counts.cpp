@@ -24,6 +24,15 @@ std::int32_t sum_of_minima(const std::int32_t* a, const std::int32_t* b, std::si
   return sum;
 }
 
+void clamp_counts(std::uint16_t* counts, std::size_t n, std::int16_t most) {
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto count = static_cast<std::int16_t>(counts[i]);
+    const std::int16_t upper = count < most ? count : most;
+    const auto least = static_cast<std::int16_t>(-most);
+    counts[i] = static_cast<std::uint16_t>(upper > least ? upper : least);
+  }
+}
+
 void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
                         std::uint16_t* smooth) {
   const std::uint16_t *above2 = centre - 2 * stride, *above = centre - stride, *below = centre + stride,

@@ -86,6 +86,9 @@ struct KernelTable {
   // The smaller of the elements of either, added up; it fits 32 bits.
   std::int32_t (*sum_of_minima)(const std::int32_t* a, const std::int32_t* b, std::size_t n);
 
+  // Counts beyond `most` either way, negative ones as their complements, are cut down to it.
+  void (*clamp_counts)(std::uint16_t* counts, std::size_t n, std::int16_t most);
+
   // The passes of a binomial filter, weights 1 4 6 4 1, over counts of -127 to 127, negative ones as their
   // complements: down five rows about `centre`, and along a row of such sums, divided by 16 and rounded to
   // zero.

@@ -23,6 +23,7 @@ void filter_rows(const float* const* rows, std::size_t n, const float* taps, int
 void nearest_cells(const CellGrid& grid, const float* x, const float* y, std::size_t n, std::int32_t padding,
                    std::int32_t* cell);
 std::int32_t sum_of_minima(const std::int32_t* a, const std::int32_t* b, std::size_t n);
+void clamp_counts(std::uint16_t* counts, std::size_t n, std::int16_t most);
 void smooth_counts_down(const std::uint16_t* centre, std::ptrdiff_t stride, std::size_t n,
                         std::uint16_t* smooth);
 void smooth_counts_across(const std::uint16_t* centre, std::size_t n, std::uint16_t* smooth);

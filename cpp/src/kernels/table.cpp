@@ -15,6 +15,7 @@ const KernelTable table{
     .filter_rows = filter_rows,
     .nearest_cells = nearest_cells,
     .sum_of_minima = sum_of_minima,
+    .clamp_counts = clamp_counts,
     .smooth_counts_down = smooth_counts_down,
     .smooth_counts_across = smooth_counts_across,
     .add_patches = add_patches,
