@@ -118,7 +118,7 @@ struct Jacobian {
 };
 
 // Brown-Conrady distortion of a point on the plane at unit depth, and its derivative.
-Point2 distort_radtan(const Camera& camera, Point2 u, Jacobian* jacobian = nullptr) {
+inline Point2 distort_radtan(const Camera& camera, Point2 u, Jacobian* jacobian = nullptr) {
   const auto& [k1, k2, p1, p2, k3] = camera.distortion;
   const double r2 = u.x * u.x + u.y * u.y;
   const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
@@ -263,33 +263,94 @@ Point2 undistort_pixel(const Camera& camera, Point2 distorted) {
   return undistort(camera, RadialProfile(camera), distorted);
 }
 
+namespace {
+
+// Rows of what a camera's pixels come from, on the plane, for radtan distortion.
+class RadtanRows {
+ public:
+  RadtanRows(const Camera& camera, const RadialProfile& profile)
+      : camera_(camera),
+        profile_(profile),
+        rows_(4, std::vector<Point2>(static_cast<std::size_t>(camera.size.width))),
+        steps_(rows_[0].size()) {
+    for (int x = 0; x < camera.size.width; ++x) target_x_.push_back(to_plane(camera, {double(x), 0}).x);
+  }
+
+  // Row y, after row y - 1.  Valid until the next.
+  const std::vector<Point2>& next(int y) {
+    std::rotate(rows_.begin(), rows_.end() - 1, rows_.end());
+    std::vector<Point2>& row = rows_[0];
+    if (y < 3) {
+      for (std::size_t x = 0; x < row.size(); ++x) row[x] = from_scratch(x, y);
+      return row;
+    }
+    // Where the last three rows lead, by a parabola, Newton's method is a step away; the second shows that it was the last.
+    // All pixels alike, so that one need not wait for another.
+    const double target_y = to_plane(camera_, {0, double(y)}).y;
+    const std::vector<Point2>&a = rows_[1], &b = rows_[2], &c = rows_[3];
+    for (std::size_t x = 0; x < row.size(); ++x) {
+      const Point2 guess{3 * (a[x].x - b[x].x) + c[x].x, 3 * (a[x].y - b[x].y) + c[x].y};
+      const Point2 target{target_x_[x], target_y};
+      const Point2 once = step(target, guess);
+      row[x] = step(target, once);
+      const double dx = row[x].x - once.x, dy = row[x].y - once.y;
+      steps_[x] = dx * dx + dy * dy;
+    }
+    const double tolerance = 1e-10 / std::max(camera_.fx, camera_.fy);
+    const double inside = 0.999 * profile_.limit();
+    for (std::size_t x = 0; x < row.size(); ++x) {
+      const bool found = steps_[x] <= tolerance * tolerance &&  // not NaN
+                         row[x].x * row[x].x + row[x].y * row[x].y < inside * inside;
+      if (!found) row[x] = from_scratch(x, y);
+    }
+    return row;
+  }
+
+ private:
+  Point2 from_scratch(std::size_t x, int y) const {
+    return to_plane(camera_, undistort(camera_, profile_, {double(x), double(y)}));
+  }
+
+  // One of Newton's method.  Past a fold nowhere.
+  Point2 step(Point2 target, Point2 u) const {
+    Jacobian j;
+    const Point2 d = distort_radtan(camera_, u, &j);
+    const double ex = target.x - d.x, ey = target.y - d.y;
+    const double determinant = j.xx * j.yy - j.xy * j.yx;
+    const double inverse = determinant > 0 ? 1 / determinant : std::numeric_limits<double>::quiet_NaN();
+    return {u.x + (j.yy * ex - j.xy * ey) * inverse, u.y + (j.xx * ey - j.yx * ex) * inverse};
+  }
+
+  const Camera& camera_;
+  const RadialProfile& profile_;
+  std::vector<std::vector<Point2>> rows_;  // the last four, the latest first
+  std::vector<double> target_x_;           // of every column
+  std::vector<double> steps_;              // the squares of the last steps
+};
+
+}  // namespace
+
 UndistortionTable make_undistortion_table(const Camera& camera) {
   check_camera(camera);
   const RadialProfile profile(camera);
   UndistortionTable table{camera.size, {}, {}};
   const std::size_t pixels = static_cast<std::size_t>(camera.size.width) * camera.size.height;
-  table.x.reserve(pixels);
-  table.y.reserve(pixels);
+  table.x.resize(pixels);
+  table.y.resize(pixels);
+  std::size_t pixel = 0;
   const auto add = [&](Point2 undistorted) {
-    table.x.push_back(static_cast<float>(undistorted.x));
-    table.y.push_back(static_cast<float>(undistorted.y));
+    table.x[pixel] = static_cast<float>(undistorted.x);
+    table.y[pixel++] = static_cast<float>(undistorted.y);
   };
-  for (int y = 0; y < camera.size.height; ++y) {
-    // What the pixel to the left comes from, and how far the way was from the one before it: where the next
-    // pixel goes on like that, a step of Newton's method is left.
-    Point2 left{}, way{};
-    for (int x = 0; x < camera.size.width; ++x) {
-      const Point2 pixel{double(x), double(y)};
-      std::optional<Point2> u;
-      if (camera.model == DistortionModel::radtan && x > 0) {
-        u = solve_radtan(camera, profile, to_plane(camera, pixel), {left.x + way.x, left.y + way.y});
-      }
-      const Point2 undistorted = u ? to_pixel(camera, *u) : undistort(camera, profile, pixel);
-      add(undistorted);
-      const Point2 here = u ? *u : to_plane(camera, undistorted);
-      way = x > 0 ? Point2{here.x - left.x, here.y - left.y} : Point2{1 / camera.fx, 0};
-      left = here;
+  if (camera.model == DistortionModel::radtan) {
+    RadtanRows rows(camera, profile);
+    for (int y = 0; y < camera.size.height; ++y) {
+      for (const Point2 u : rows.next(y)) add(to_pixel(camera, u));
     }
+    return table;
+  }
+  for (int y = 0; y < camera.size.height; ++y) {
+    for (int x = 0; x < camera.size.width; ++x) add(undistort(camera, profile, {double(x), double(y)}));
   }
   return table;
 }

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib import resources
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -320,8 +320,10 @@ class Perceptron:
 @cache
 def _classifiers() -> tuple[Perceptron, Perceptron, Perceptron]:
     """By appearance alone, with the motion against one part, and with that against all that stands still."""
-    text = resources.files("emseg").joinpath("data/scene_classifiers.json").read_text()
-    weights = json.loads(text)
+    # importlib.resources would import for longer than a small window takes.
+    path = os.path.join(os.path.dirname(__file__), "data", "scene_classifiers.json")
+    with open(path, encoding="utf-8") as file:
+        weights = json.load(file)
     return _perceptron(weights["appearance"]), _perceptron(weights["part"]), _perceptron(weights["scene"])
 
 
