@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "checked_sum.hpp"
@@ -127,23 +128,22 @@ std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& prob
 
 MergedLabels merge_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
                                  std::span<const std::int32_t> labels) {
-  const std::size_t count = problem.label_count();
-  LabelTotals totals(count);
+  const auto count = static_cast<std::int32_t>(problem.label_count());
+  std::vector<std::int64_t> label_cost;
+  for (std::int32_t l = 0; l < count; ++l) label_cost.push_back(problem.cost_of_label(l));
+  LabelTotals totals(std::move(label_cost));
   for (const std::int32_t label : labels) totals.add_site(label);
   std::vector<std::int64_t> by_label(count);
-  for (std::size_t l = 0; l < count; ++l) {
+  for (std::int32_t l = 0; l < count; ++l) {
     std::fill(by_label.begin(), by_label.end(), 0);
     for (std::size_t k = 0; k < labels.size(); ++k) by_label[labels[k]] += problem.unary[l][k];
-    for (std::size_t own = 0; own < count; ++own) {
-      totals.add_data(static_cast<std::int32_t>(own), static_cast<std::int32_t>(l), by_label[own]);
-    }
+    for (std::int32_t own = 0; own < count; ++own) totals.add_data(own, l, by_label[own]);
   }
   visit_cut(graph, labels, [&](std::int32_t a, std::int32_t b, std::int32_t edges) {
     totals.add_cut(a, b, std::int64_t{edges} * problem.smooth_cost);
   });
-  const auto cost_of_label = [&](std::size_t l) { return problem.cost_of_label(l); };
-  MergedLabels merged{{labels.begin(), labels.end()}, totals.energy(cost_of_label), 0};
-  const auto [becomes, gain] = totals.merge(cost_of_label);
+  MergedLabels merged{{labels.begin(), labels.end()}, totals.energy(), 0};
+  const auto [becomes, gain] = totals.merge();
   merged.gain = gain;
   if (gain > 0) {
     for (std::int32_t& label : merged.labels) label = becomes[label];
