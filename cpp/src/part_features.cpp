@@ -46,27 +46,28 @@ std::array<double, 2> outer_pixels(const EventView& events, std::span<const std:
 // counted in buckets of one width, and only those of the buckets in question are looked at.
 class Coordinate {
  public:
-  Coordinate(std::span<const Vec2f> places, float Vec2f::* member) : places_(places), member_(member) {
+  Coordinate(std::span<const Vec2f> places, float Vec2f::* member) {
+    values_.reserve(places.size());
     float most = -std::numeric_limits<float>::infinity();
     for (const Vec2f place : places) {
       if (!is_finite(place)) continue;
-      ++count_;
-      least_ = std::min(least_, place.*member);
-      most = std::max(most, place.*member);
+      values_.push_back(place.*member);
+      least_ = std::min(least_, values_.back());
+      most = std::max(most, values_.back());
     }
     per_px_ = most > least_ ? (buckets - 1) / (double{most} - double{least_}) : 0;
-    for (const Vec2f place : places) {
-      if (is_finite(place)) ++counts_[bucket_of(place.*member)];
-    }
+    bucket_.resize(values_.size());
+    for (std::size_t k = 0; k < values_.size(); ++k) bucket_[k] = bucket_of(values_[k]);
+    for (const std::uint16_t bucket : bucket_) ++counts_[bucket];
   }
 
-  std::size_t count() const { return count_; }
+  std::size_t count() const { return values_.size(); }
 
   // The value that is `share` of the way from the least to the largest, between two by interpolation.
   double quantile(double share) const {
-    const double rank = share * static_cast<double>(count_ - 1);
+    const double rank = share * static_cast<double>(count() - 1);
     const auto below = static_cast<std::size_t>(rank);
-    const auto [first, second] = values_at(below, std::min(below + 1, count_ - 1));
+    const auto [first, second] = values_at(below, std::min(below + 1, count() - 1));
     return first + (rank - static_cast<double>(below)) * (second - first);
   }
 
@@ -74,8 +75,8 @@ class Coordinate {
   static constexpr std::size_t buckets = 1024;
 
   // Rises with the value, so that ranks follow the buckets.
-  std::size_t bucket_of(float value) const {
-    return static_cast<std::size_t>((double{value} - double{least_}) * per_px_);
+  std::uint16_t bucket_of(float value) const {
+    return static_cast<std::uint16_t>((double{value} - double{least_}) * per_px_);
   }
 
   // The values of a rank and of the same or the next one.
@@ -86,10 +87,8 @@ class Coordinate {
     while (until <= next) until += counts_[++last];
     std::vector<float> values;
     values.reserve(until - before);
-    for (const Vec2f place : places_) {
-      if (!is_finite(place)) continue;
-      const std::size_t bucket = bucket_of(place.*member_);
-      if (bucket >= first && bucket <= last) values.push_back(place.*member_);
+    for (std::size_t k = 0; k < values_.size(); ++k) {
+      if (bucket_[k] >= first && bucket_[k] <= last) values.push_back(values_[k]);
     }
     const auto at = [&](std::size_t k) {
       const auto found = values.begin() + static_cast<std::ptrdiff_t>(k - before);
@@ -99,11 +98,10 @@ class Coordinate {
     return {at(rank), at(next)};
   }
 
-  std::span<const Vec2f> places_;
-  float Vec2f::* member_;
+  std::vector<float> values_;           // the finite ones
+  std::vector<std::uint16_t> bucket_;   // of each
   float least_ = std::numeric_limits<float>::infinity();
   double per_px_ = 0;
-  std::size_t count_ = 0;
   std::array<std::size_t, buckets> counts_{};
 };
 
