@@ -1,6 +1,7 @@
 #include "emseg/camera.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -269,63 +270,78 @@ namespace {
 class RadtanRows {
  public:
   RadtanRows(const Camera& camera, const RadialProfile& profile)
-      : camera_(camera),
-        profile_(profile),
-        rows_(4, std::vector<Point2>(static_cast<std::size_t>(camera.size.width))),
-        steps_(rows_[0].size()) {
+      : camera_(camera), profile_(profile), steps_(static_cast<std::size_t>(camera.size.width)) {
+    for (Row& row : rows_) row = {std::vector<double>(steps_.size()), std::vector<double>(steps_.size())};
     for (int x = 0; x < camera.size.width; ++x) target_x_.push_back(to_plane(camera, {double(x), 0}).x);
   }
 
+  struct Row {
+    std::vector<double> x, y;
+  };
+
   // Row y, after row y - 1.  Valid until the next.
-  const std::vector<Point2>& next(int y) {
+  const Row& next(int y) {
     std::rotate(rows_.begin(), rows_.end() - 1, rows_.end());
-    std::vector<Point2>& row = rows_[0];
-    if (y < 3) {
-      for (std::size_t x = 0; x < row.size(); ++x) row[x] = from_scratch(x, y);
-      return row;
-    }
-    // Where the last three rows lead, by a parabola, Newton's method is a step away; the second shows that it was the last.
-    // All pixels alike, so that one need not wait for another.
-    const double target_y = to_plane(camera_, {0, double(y)}).y;
-    const std::vector<Point2>&a = rows_[1], &b = rows_[2], &c = rows_[3];
-    for (std::size_t x = 0; x < row.size(); ++x) {
-      const Point2 guess{3 * (a[x].x - b[x].x) + c[x].x, 3 * (a[x].y - b[x].y) + c[x].y};
-      const Point2 target{target_x_[x], target_y};
-      const Point2 once = step(target, guess);
-      row[x] = step(target, once);
-      const double dx = row[x].x - once.x, dy = row[x].y - once.y;
-      steps_[x] = dx * dx + dy * dy;
-    }
+    Row& row = rows_[0];
+    if (y >= 3) go_on(y);
     const double tolerance = 1e-10 / std::max(camera_.fx, camera_.fy);
     const double inside = 0.999 * profile_.limit();
-    for (std::size_t x = 0; x < row.size(); ++x) {
-      const bool found = steps_[x] <= tolerance * tolerance &&  // not NaN
-                         row[x].x * row[x].x + row[x].y * row[x].y < inside * inside;
-      if (!found) row[x] = from_scratch(x, y);
+    for (std::size_t x = 0; x < steps_.size(); ++x) {
+      const bool found = y >= 3 && steps_[x] <= tolerance * tolerance &&  // not NaN
+                         row.x[x] * row.x[x] + row.y[x] * row.y[x] < inside * inside;
+      if (found) continue;
+      const Point2 u = to_plane(camera_, undistort(camera_, profile_, {double(x), double(y)}));
+      row.x[x] = u.x;
+      row.y[x] = u.y;
     }
     return row;
   }
 
  private:
-  Point2 from_scratch(std::size_t x, int y) const {
-    return to_plane(camera_, undistort(camera_, profile_, {double(x), double(y)}));
-  }
-
-  // One of Newton's method.  Past a fold nowhere.
-  Point2 step(Point2 target, Point2 u) const {
-    Jacobian j;
-    const Point2 d = distort_radtan(camera_, u, &j);
-    const double ex = target.x - d.x, ey = target.y - d.y;
-    const double determinant = j.xx * j.yy - j.xy * j.yx;
-    const double inverse = determinant > 0 ? 1 / determinant : std::numeric_limits<double>::quiet_NaN();
-    return {u.x + (j.yy * ex - j.xy * ey) * inverse, u.y + (j.xx * ey - j.yx * ex) * inverse};
+  // Where the last three rows lead, by a parabola, Newton's method is a step away; another, by the same
+  // derivatives, shows that it is there.  All pixels alike, so that none waits for its neighbour.
+  void go_on(int y) {
+    const Camera camera = camera_;  // which nothing that is written here can change
+    const double target_y = to_plane(camera, {0, double(y)}).y;
+    // Arrays of the function's own, which the compiler knows to be apart.
+    constexpr std::size_t chunk = 64;
+    std::array<double, chunk> to_x, to_y, steps;
+    for (std::size_t first = 0; first < steps_.size(); first += chunk) {
+      const std::size_t n = std::min(chunk, steps_.size() - first);
+      const double* const target_x = target_x_.data() + first;
+      const auto at = [first](const std::vector<double>& row) { return row.data() + first; };
+      const double *const ax = at(rows_[1].x), *const ay = at(rows_[1].y);
+      const double *const bx = at(rows_[2].x), *const by = at(rows_[2].y);
+      const double *const cx = at(rows_[3].x), *const cy = at(rows_[3].y);
+      for (std::size_t i = 0; i < n; ++i) {
+        const Point2 target{target_x[i], target_y};
+        const Point2 guess{3 * (ax[i] - bx[i]) + cx[i], 3 * (ay[i] - by[i]) + cy[i]};
+        Jacobian j;
+        const Point2 here = distort_radtan(camera, guess, &j);
+        const double determinant = j.xx * j.yy - j.xy * j.yx;
+        const double inverse = determinant > 0 ? 1 / determinant : infinity;  // past a fold nowhere
+        const auto step_from = [&](Point2 distorted) {
+          const double ex = target.x - distorted.x, ey = target.y - distorted.y;
+          return Point2{(j.yy * ex - j.xy * ey) * inverse, (j.xx * ey - j.yx * ex) * inverse};
+        };
+        const Point2 first_step = step_from(here);
+        const Point2 once{guess.x + first_step.x, guess.y + first_step.y};
+        const Point2 last_step = step_from(distort_radtan(camera, once));
+        to_x[i] = once.x + last_step.x;
+        to_y[i] = once.y + last_step.y;
+        steps[i] = last_step.x * last_step.x + last_step.y * last_step.y;
+      }
+      std::copy_n(to_x.begin(), n, rows_[0].x.begin() + static_cast<std::ptrdiff_t>(first));
+      std::copy_n(to_y.begin(), n, rows_[0].y.begin() + static_cast<std::ptrdiff_t>(first));
+      std::copy_n(steps.begin(), n, steps_.begin() + static_cast<std::ptrdiff_t>(first));
+    }
   }
 
   const Camera& camera_;
   const RadialProfile& profile_;
-  std::vector<std::vector<Point2>> rows_;  // the last four, the latest first
-  std::vector<double> target_x_;           // of every column
-  std::vector<double> steps_;              // the squares of the last steps
+  std::array<Row, 4> rows_;       // the last four, the latest first
+  std::vector<double> target_x_;  // of every column
+  std::vector<double> steps_;     // the squares of the last steps
 };
 
 }  // namespace
@@ -345,7 +361,8 @@ UndistortionTable make_undistortion_table(const Camera& camera) {
   if (camera.model == DistortionModel::radtan) {
     RadtanRows rows(camera, profile);
     for (int y = 0; y < camera.size.height; ++y) {
-      for (const Point2 u : rows.next(y)) add(to_pixel(camera, u));
+      const RadtanRows::Row& row = rows.next(y);
+      for (std::size_t x = 0; x < row.x.size(); ++x) add(to_pixel(camera, {row.x[x], row.y[x]}));
     }
     return table;
   }
