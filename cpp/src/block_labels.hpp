@@ -80,8 +80,8 @@ inline std::vector<std::int32_t> block_majorities(const PixelBlocks& blocks,
   return majority;
 }
 
-// Without initial labels, those of lenient and of full smoothness; else the initial labels' majorities, and
-// what lenient smoothness makes of them.
+// Without initial labels, those of lenient smoothness, sought from groups of blocks on, and what full
+// smoothness makes of them; else the initial labels' majorities, and what lenient smoothness makes of those.
 template <typename Cost>
 BlockLabels label_blocks(const PixelBlocks& blocks, const WindowLabeling& problem,
                          std::span<const std::int32_t> initial, const BandOptions& options,

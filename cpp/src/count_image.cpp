@@ -44,7 +44,8 @@ void count_sharpness(const PointView& points, const MotionModel& model, const Wa
   for (std::size_t first = 0; first < n; first += most_at_once) {
     if (first > 0) kernel.clamp_counts(votes, workspace.votes.size(), most_votes);
     const std::size_t last = std::min(n, first + most_at_once);
-    for (std::size_t k = first; k < last; ++k) votes[cell[k]] = static_cast<std::uint16_t>(votes[cell[k]] + sign[k]);
+    for (std::size_t k = first; k < last; ++k)
+      votes[cell[k]] = static_cast<std::uint16_t>(votes[cell[k]] + sign[k]);
   }
 
   workspace.smooth.resize(workspace.votes.size());

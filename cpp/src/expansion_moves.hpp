@@ -88,8 +88,8 @@ enum class Expanded {
   used,        // those in use alone
 };
 
-// Expands labels in turn until none has anything to gain, in at most `max_sweeps` sweeps.  Returns the gain of
-// every sweep; with Expanded::used_first, what settles the labels in use comes first.
+// Expands labels in turn until none has anything to gain, in at most `max_sweeps` sweeps.  Returns the gain
+// of every sweep; with Expanded::used_first, what settles the labels in use comes first.
 template <typename Cost, typename Capacity, typename Residual>
 std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& problem, int max_sweeps,
                                          ExpansionMove<Capacity, Residual>& move,

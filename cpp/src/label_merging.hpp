@@ -10,8 +10,8 @@
 
 namespace emseg {
 
-// Sums over a labelling, from which the energy of every merger follows: all sites of a label take another one,
-// which other sites may have already or none.
+// Sums over a labelling, from which the energy of every merger follows: all sites of a label take another
+// one, which other sites may have already or none.
 class LabelTotals {
  public:
   explicit LabelTotals(std::vector<std::int64_t> label_cost)

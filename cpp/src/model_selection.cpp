@@ -54,8 +54,7 @@ std::vector<std::int32_t> block_costs(const BlockGrid& grid, std::span<const std
     // Inside there are four neighbours, and division by a constant.
     const std::int32_t *above = at - columns, *below = at + columns;
     for (std::size_t column = 1; column + 1 < columns; ++column) {
-      to[column] =
-          (2 * at[column] + at[column - 1] + at[column + 1] + above[column] + below[column]) / 6;
+      to[column] = (2 * at[column] + at[column - 1] + at[column + 1] + above[column] + below[column]) / 6;
     }
     to[0] = mean_at(0, row);
     to[columns - 1] = mean_at(columns - 1, row);

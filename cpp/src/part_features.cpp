@@ -98,8 +98,8 @@ class Coordinate {
     return {at(rank), at(next)};
   }
 
-  std::vector<float> values_;           // the finite ones
-  std::vector<std::uint16_t> bucket_;   // of each
+  std::vector<float> values_;          // the finite ones
+  std::vector<std::uint16_t> bucket_;  // of each
   float least_ = std::numeric_limits<float>::infinity();
   double per_px_ = 0;
   std::array<std::size_t, buckets> counts_{};
@@ -257,8 +257,8 @@ double events_beyond(const EventView& events, std::span<const std::int64_t> own,
       const double lag = way * (share * length + gap);
       std::int64_t fullest = std::numeric_limits<std::int64_t>::min();
       for (int aside = -farthest_aside; aside <= farthest_aside; ++aside) {
-        fullest = std::max(fullest, sum_met(whole(lag * ahead.x - aside * ahead.y),
-                                            whole(lag * ahead.y + aside * ahead.x)));
+        fullest = std::max(
+            fullest, sum_met(whole(lag * ahead.x - aside * ahead.y), whole(lag * ahead.y + aside * ahead.x)));
       }
       met += static_cast<double>(fullest) / static_cast<double>(sample.size());
     }

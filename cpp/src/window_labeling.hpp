@@ -20,7 +20,7 @@ void check_window_labels(const PixelGraph& graph, const WindowLabeling& problem,
 std::int64_t evaluate_window(const PixelGraph& graph, const WindowLabeling& problem,
                              std::span<const std::int32_t> labels);
 
-// Labels merged whole as long as that lowers the energy.
+// Labels merged whole as long as that lowers the energy (see LabelTotals).
 struct MergedLabels {
   std::vector<std::int32_t> labels;
   std::int64_t energy = 0;  // of the labels given

@@ -181,7 +181,8 @@ def undistorted(
     if camera is None:
         return places
     column, row = np.clip(np.rint(places), 0, (events.width - 1, events.height - 1)).astype(np.intp).T
-    return np.column_stack([table[row, column] for table in shared_undistortion_table(camera)]).astype(np.float64)
+    tables = shared_undistortion_table(camera)
+    return np.column_stack([table[row, column] for table in tables]).astype(np.float64)
 
 
 def iwe(

@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -61,6 +62,29 @@ TEST_CASE("the table holds every pixel's undistorted position, row by row") {
   const Point2 expected = undistort_pixel(tangential, {17, 170});
   CHECK(table.x[170 * 240 + 17] == static_cast<float>(expected.x));
   CHECK(table.y[170 * 240 + 17] == static_cast<float>(expected.y));
+}
+
+TEST_CASE("every pixel of a table is the inverse of the distortion, as one alone is") {
+  // Weak and strong lenses, and some of few rows or columns.
+  const std::array<double, 5> barrel{-0.3633, 0.1249, -0.0001, 0, 0}, cushion{0.2, 0.05, 0.01, -0.02, 0.01};
+  for (const Camera& camera :
+       {tangential, Camera{{346, 260}, 257.68, 257.62, 188.33, 131.59, DistortionModel::radtan, barrel},
+        Camera{{160, 120}, 90, 100, 70, 65, DistortionModel::radtan, cushion},
+        Camera{{5, 1}, 50, 50, 2, 0, DistortionModel::radtan, barrel},
+        Camera{{1, 7}, 50, 50, 0, 3, DistortionModel::radtan, cushion},
+        Camera{{64, 48}, 60, 60, 32, 24, DistortionModel::equidistant, {0.01, 0.02, 0, 0, 0}}}) {
+    CAPTURE(camera.size.width);
+    const UndistortionTable table = make_undistortion_table(camera);
+    for (int y = 0; y < camera.size.height; ++y) {
+      for (int x = 0; x < camera.size.width; ++x) {
+        const Point2 expected = undistort_pixel(camera, {double(x), double(y)});
+        const auto pixel = static_cast<std::size_t>(y * camera.size.width + x);
+        // What a float holds of a few hundred pixels.
+        REQUIRE(std::abs(table.x[pixel] - expected.x) < 4e-5);
+        REQUIRE(std::abs(table.y[pixel] - expected.y) < 4e-5);
+      }
+    }
+  }
 }
 
 TEST_CASE("no distortion leaves pixels where they are") {

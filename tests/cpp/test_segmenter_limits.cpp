@@ -3,7 +3,9 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <stdexcept>
+#include <utility>
 
 #include "segmenter_windows.hpp"
 
@@ -79,6 +81,21 @@ TEST_CASE("a pool that throws all events off the canvas is survived") {
   }
 }
 
+TEST_CASE("a camera's own table makes no difference, another one does") {
+  const Camera camera{sensor, 200, 200, 80, 60, DistortionModel::radtan, {-0.2, 0.03, 0, 0, 0}};
+  const RecordedEvents events = two_motions();
+  const auto places = [&](std::optional<UndistortionTable> table) {
+    Segmenter segmenter(sensor, camera, {}, std::move(table));
+    const Segmentation found = segmenter.segment(events.view());
+    return std::pair{found.labels, found.energy};
+  };
+  const UndistortionTable own = make_undistortion_table(camera);
+  CHECK(places(own) == places(std::nullopt));
+  UndistortionTable shrunk = own;
+  for (float& x : shrunk.x) x *= 0.5f;
+  CHECK(places(shrunk) != places(own));
+}
+
 TEST_CASE("what does not fit is refused by name") {
   const auto refusal = [](auto&& call) -> std::string {
     try {
@@ -119,6 +136,11 @@ TEST_CASE("what does not fit is refused by name") {
   camera.size = {100, 100};
   CHECK(refusal([&] { Segmenter(sensor, camera, {}); }).find("the camera is 100x100, the sensor 160x120") ==
         0);
+
+  camera = {sensor, 200, 200, 80, 60, DistortionModel::radtan, {-0.2, 0.03, 0, 0, 0}};
+  CHECK(refusal([&] {
+          Segmenter(sensor, camera, {}, UndistortionTable{sensor, {1, 2}, {3}});
+        }).find("the undistortion table has 2 and 1 places, expected 19200") == 0);
 
   RecordedEvents outside;
   outside.add(160, 0, 0);

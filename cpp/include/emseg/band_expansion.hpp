@@ -1,5 +1,6 @@
 // The labels of a window from coarse to fine: expansion on blocks of pixels, on the pixels near the
-// boundaries that it finds, and at last on the events near those.
+// boundaries that it finds, and at last on the events near those.  Whole labels take each other's place
+// first, wherever that lowers the energy: cuts between near copies of one motion are the dearest.
 #pragma once
 
 #include <cstdint>
