@@ -424,7 +424,12 @@ class Segmenter:
         height: typing.SupportsInt | typing.SupportsIndex,
         options: SegmenterOptions,
         camera: Camera | None = None,
-    ) -> None: ...
+        undistortion: tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]
+        | None = None,
+    ) -> None:
+        """
+        The camera's undistortion table, where it is made already, saves making it.
+        """
     def motion_losses(
         self,
         x: numpy.typing.NDArray[numpy.uint16],
