@@ -28,7 +28,7 @@ std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
 }
 
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
-                              std::optional<double> lambda_label, double axis_doubt,
+                              std::optional<double> lambda_label, double lambda_speed, double axis_doubt,
                               const std::string& polarity_name, const std::string& footprint_name,
                               const std::string& flicker_name, int bracket_row, int bracket_col,
                               double max_speed, double max_scale_rate, double max_angle_rate,
@@ -40,6 +40,7 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
   options.lambda_data = lambda_data;
   options.lambda_smooth = lambda_smooth;
   options.lambda_label = lambda_label;
+  options.lambda_speed = lambda_speed;
   options.axis_doubt = axis_doubt;
   options.polarity = polarity(polarity_name);
   options.footprint = footprint(footprint_name);
@@ -71,7 +72,7 @@ void bind_segmenter(py::module_& m) {
       .def(py::init(&make_options), py::kw_only(),
            py::arg("data_term") = std::string(name_of(defaults.data_term)),
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
-           py::arg("lambda_label") = defaults.lambda_label, py::arg("axis_doubt") = defaults.axis_doubt,
+           py::arg("lambda_label") = defaults.lambda_label, py::arg("lambda_speed") = defaults.lambda_speed, py::arg("axis_doubt") = defaults.axis_doubt,
            py::arg("polarity") = std::string(name_of(defaults.polarity)),
            py::arg("footprint") = std::string(name_of(defaults.footprint)),
            py::arg("flicker") = std::string(name_of(defaults.flicker)),
@@ -101,6 +102,7 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("lambda_data", &SegmenterOptions::lambda_data)
       .def_readonly("lambda_smooth", &SegmenterOptions::lambda_smooth)
       .def_readonly("lambda_label", &SegmenterOptions::lambda_label)
+      .def_readonly("lambda_speed", &SegmenterOptions::lambda_speed)
       .def_readonly("axis_doubt", &SegmenterOptions::axis_doubt)
       .def_property_readonly("polarity",
                              [](const SegmenterOptions& o) { return std::string(name_of(o.polarity)); })
@@ -155,15 +157,17 @@ void bind_segmenter(py::module_& m) {
           [](Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,
              const Array<std::int64_t>& t, const Array<std::uint8_t>& p, std::optional<std::int64_t> t_ref,
              const std::vector<NamedModel>& pool, const std::vector<NamedModel>& candidates,
-             const std::vector<NamedModel>& tracked) {
+             const std::vector<std::tuple<NamedModel, Array<float>, double>>& tracked) {
             const EventView events = event_view(x, y, t, p);
-            const WindowPrior prior{t_ref, motions(pool), motions(candidates), motions(tracked)};
+            WindowPrior prior{t_ref, motions(pool), motions(candidates), {}};
+            for (const auto& [model, places, seen] : tracked)
+              prior.tracked.push_back({motions({model}).front(), vectors(places), seen});
             py::gil_scoped_release release;
             return segmenter.segment(events, prior);
           },
           py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref") = std::nullopt,
           py::arg("pool") = std::vector<NamedModel>{}, py::arg("candidates") = std::vector<NamedModel>{},
-          py::arg("tracked") = std::vector<NamedModel>{},
+          py::arg("tracked") = std::vector<std::tuple<NamedModel, Array<float>, double>>{},
           "Segment one window.  Models are (kind, parameters); an empty pool is searched for.")
       .def(
           "motion_losses",

@@ -36,6 +36,20 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
       models_(std::move(models)),
       supports_(models_.size()),
       label_costs_(options.label_costs) {
+  objects_ = options.objects;
+  if (objects_.empty()) objects_.assign(models_.size(), no_object);
+  assert(objects_.size() == models_.size());
+  if (options_.place_cost > 0) {
+    for (const auto& expected : options_.expected) {
+      if (expected.empty()) continue;
+      anyones_.resize(points_.size(), 0);
+      for (std::size_t k = 0; k < expected.size(); ++k) anyones_[k] |= expected[k];
+    }
+  }
+  if (options_.speed_cost > 0) {
+    blocks_ = make_block_grid(points_, plane_, 8);
+    doubt_.emplace(*blocks_, points_.seconds(), DoubtOptions{.speed = options_.speed_cost});
+  }
   if (label_costs_.empty()) label_costs_.assign(models_.size(), options.label_cost);
   assert(label_costs_.size() == models_.size());
   assert(!models_.empty() && points_.size() > 0);
@@ -69,8 +83,9 @@ void Alternation::add_free_model(const MotionModel& model) {
   supports_.emplace_back();
   evaluate(model, 0, supports_.back());
   label_costs_.push_back(0);
+  objects_.push_back(no_object);
   costs_.emplace_back();
-  evaluate_costs(supports_.back(), costs_.back());
+  evaluate_costs(model, supports_.back(), no_object, costs_.back());
   label();
 }
 
@@ -116,6 +131,7 @@ void Alternation::drop_unused() {
       supports_[kept] = std::move(supports_[m]);
       costs_[kept] = std::move(costs_[m]);
       label_costs_[kept] = label_costs_[m];
+      objects_[kept] = objects_[m];
     }
     ++kept;
   }
@@ -124,6 +140,7 @@ void Alternation::drop_unused() {
   supports_.resize(kept);
   costs_.resize(kept);
   label_costs_.resize(kept);
+  objects_.resize(kept);
   for (std::int32_t& label : labels_) label = position[static_cast<std::size_t>(label)];
   for (std::int32_t& label : refitted_labels_) label = position[static_cast<std::size_t>(label)];
   const std::int64_t before = data_cost();
@@ -162,7 +179,8 @@ bool Alternation::refit() {
                                 options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
                       .model;
     evaluate(refit.model, worker, refit.support);
-    if (options_.term != DataTerm::published) evaluate_costs(refit.support, refit.costs);
+    if (options_.term != DataTerm::published) 
+      evaluate_costs(refit.model, refit.support, objects_[refit.label], refit.costs);
   });
   refitted_labels_ = labels_;
 
@@ -229,14 +247,27 @@ std::int64_t Alternation::data_cost() const {
   return total;
 }
 
-void Alternation::evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const {
-  costs.resize(points_.size());
+void Alternation::evaluate_costs(const MotionModel& model, const ModelSupport& support, std::int32_t object,
+                                 std::vector<std::int32_t>& costs) const {
+  const std::size_t n = points_.size();
+  costs.resize(n);
   integer_costs(options_.term, support.sharpness, reference_, options_.lambda_data, costs);
+  if (doubt_) {
+    const std::vector<std::int32_t> doubts = doubt_->of(model, frame_);
+    for (std::size_t k = 0; k < n; ++k) costs[k] += doubts[static_cast<std::size_t>(blocks_->of_event[k])];
+  }
+  if (anyones_.empty()) return;
+  if (object == no_object) {
+    for (std::size_t k = 0; k < n; ++k) costs[k] += anyones_[k] ? options_.place_cost : 0;
+    return;
+  }
+  const std::vector<std::uint8_t>& expected = options_.expected[static_cast<std::size_t>(object)];
+  for (std::size_t k = 0; k < expected.size(); ++k) costs[k] += expected[k] ? 0 : options_.place_cost;
 }
 
 void Alternation::set_reference(double reference) {
   reference_ = reference;
-  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(supports_[m], costs_[m]); });
+  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(models_[m], supports_[m], objects_[m], costs_[m]); });
 }
 
 }  // namespace emseg

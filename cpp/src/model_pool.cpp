@@ -4,7 +4,6 @@
 #include <cmath>
 #include <set>
 
-#include "emseg/axis_doubt.hpp"
 #include "emseg/count_image.hpp"
 #include "emseg/model_selection.hpp"
 #include "emseg/sampling.hpp"
@@ -146,24 +145,42 @@ class PoolSearch {
                                                     static_cast<double>(points_.size()) /
                                                     static_cast<double>(points.size())))),
         grid_(make_block_grid(points_.view(), plane, options.block)),
-        axis_doubts_(grid_, points_.view().seconds(), options.axis_doubt),
+        doubt_(grid_, points_.view().seconds(), options.doubt),
         count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
   void add(const std::vector<MotionModel>& models) {
-    add({models, std::vector<std::uint8_t>(models.size())});
+    add({models, std::vector<std::int32_t>(models.size(), no_object)});
   }
-  void add_tracked(const std::vector<MotionModel>& models) {
-    add({models, std::vector<std::uint8_t>(models.size(), 1)});
+  // The motions of tracked objects as they were, and fitted to the events where the objects are expected.
+  void add_tracked(const std::vector<TrackedObject>& objects) {
+    constexpr std::size_t few = 20;  // events: their motion may be anything
+    ModelPool known;
+    known.models.resize(2 * objects.size());
+    known.object.resize(2 * objects.size());
+    pool_.for_each(objects.size(), [&](std::size_t i, int worker) {
+      const std::vector<std::uint8_t> expected = where_expected(points_.view(), objects[i], frame_, plane_);
+      Points own;
+      for (std::size_t k = 0; k < expected.size(); ++k) {
+        if (expected[k]) own.push_back(points_.view(), k);
+      }
+      known.models[2 * i] = known.models[2 * i + 1] = objects[i].model;
+      known.object[2 * i] = known.object[2 * i + 1] = static_cast<std::int32_t>(i);
+      if (own.size() < few) return;
+      known.models[2 * i + 1] =
+          refined(thinned(own.view(), options_.max_refit_events), objects[i].model, worker);
+    });
+    add(known);
   }
   void add(const ModelPool& candidates) {
     const auto& models = candidates.models;
     const std::size_t before = models_.size();
     models_.insert(models_.end(), models.begin(), models.end());
-    tracked_.insert(tracked_.end(), candidates.tracked.begin(), candidates.tracked.end());
-    for (const std::uint8_t tracked : candidates.tracked) {
-      label_costs_.push_back(tracked ? std::llround(options_.tracked_share * static_cast<double>(label_cost_))
-                                     : label_cost_);
+    objects_.insert(objects_.end(), candidates.object.begin(), candidates.object.end());
+    for (const std::int32_t object : candidates.object) {
+      label_costs_.push_back(object == no_object
+                                 ? label_cost_
+                                 : std::llround(options_.tracked_share * static_cast<double>(label_cost_)));
     }
     sharpness_.resize(models_.size());
     doubts_.resize(models_.size());
@@ -172,7 +189,7 @@ class PoolSearch {
       sharpness.resize(points_.size());
       count_sharpness(points_.view(), models_[before + i], frame_, canvas_of(plane_),
                       count_workspaces_[static_cast<std::size_t>(worker)], sharpness);
-      doubts_[before + i] = axis_doubts_.of(models_[before + i], frame_);
+      doubts_[before + i] = doubt_.of(models_[before + i], frame_);
     });
   }
 
@@ -210,14 +227,7 @@ class PoolSearch {
     for (std::size_t k = 0; k < points.size(); ++k) {
       members[chosen_for(grid_.of_event[k])].push_back(points, k);
     }
-    for (Points& cluster : members) {
-      cluster = thinned(cluster.view(), options_.max_refit_events);
-      halve(cluster);
-    }
-    RefineOptions coarse = options_.refine;
-    coarse.bounds.speed *= 0.5;
-    coarse.max_iterations = 10;
-    coarse.tolerance = 0.05;
+    for (Points& cluster : members) cluster = thinned(cluster.view(), options_.max_refit_events);
     struct Task {
       std::size_t start;  // whose model to start from, and whose events to fit
       std::size_t other;  // whose events to fit with them; == start for none
@@ -233,10 +243,9 @@ class PoolSearch {
         if (paired_.insert({chosen[a], chosen[b]}).second) tasks.push_back({a, b});
       }
     }
-    const MotionKind kind = richest(options_.kinds);
     std::vector<MotionModel> models(tasks.size());
-    std::vector<std::uint8_t> tracked;
-    for (const Task& task : tasks) tracked.push_back(tracked_[chosen[task.start]]);
+    std::vector<std::int32_t> objects;
+    for (const Task& task : tasks) objects.push_back(objects_[chosen[task.start]]);
     std::vector<std::size_t> sizes;
     for (const auto& [start, other] : tasks)
       sizes.push_back(members[start].size() + (other == start ? 0 : members[other].size()));
@@ -246,14 +255,9 @@ class PoolSearch {
       const Task& task = tasks[i];
       Points cluster = members[task.start];
       if (task.other != task.start) append(cluster, members[task.other]);
-      const MotionModel start =
-          scaled(convert_motion(models_[chosen[task.start]], kind, frame_, plane_), 0.5);
-      const FitResult fit = refine_motion(cluster.view(), start, half_frame_,
-                                          fit_region(cluster.view(), start, half_frame_, halved(plane_)),
-                                          coarse, contrast_workspaces_[static_cast<std::size_t>(worker)]);
-      models[i] = scaled(fit.model, 2);
+      models[i] = refined(std::move(cluster), models_[chosen[task.start]], worker);
     });
-    return {std::move(models), std::move(tracked)};
+    return {std::move(models), std::move(objects)};
   }
 
   std::size_t candidate_count() const { return models_.size(); }
@@ -270,15 +274,32 @@ class PoolSearch {
     ModelPool pool;
     for (std::size_t m = 0; m < models_.size(); ++m) {
       const bool chosen = std::ranges::find(selection_.chosen, m) != selection_.chosen.end();
-      const bool given = tracked_[m] && m <= options_.candidates.size() + options_.tracked.size();
+      // Standing still, the candidates given, and the tracked objects' motions were the first.
+      const std::size_t first = 1 + options_.candidates.size() + 2 * options_.tracked.size();
+      const bool given = objects_[m] != no_object && m < first;
       if (!chosen && !given) continue;
       pool.models.push_back(models_[m]);
-      pool.tracked.push_back(tracked_[m]);
+      pool.object.push_back(objects_[m]);
     }
     return pool;
   }
 
  private:
+  // A motion fitted to some points, at half the resolution.
+  MotionModel refined(Points points, const MotionModel& from, int worker) {
+    RefineOptions coarse = options_.refine;
+    coarse.bounds.speed *= 0.5;
+    coarse.max_iterations = 10;
+    coarse.tolerance = 0.05;
+    halve(points);
+    const MotionModel start = scaled(convert_motion(from, richest(options_.kinds), frame_, plane_), 0.5);
+    const Region region = fit_region(points.view(), start, half_frame_, halved(plane_));
+    return scaled(refine_motion(points.view(), start, half_frame_, region, coarse,
+                                contrast_workspaces_[static_cast<std::size_t>(worker)])
+                      .model,
+                  2);
+  }
+
   std::size_t chosen_for(std::int32_t block) const {
     return static_cast<std::size_t>(selection_.of_block[static_cast<std::size_t>(block)]);
   }
@@ -342,11 +363,11 @@ class PoolSearch {
   ThreadPool& pool_;
   const std::int64_t label_cost_;
   const BlockGrid grid_;
-  const AxisDoubts axis_doubts_;
+  const MotionDoubt doubt_;
   std::vector<CountWorkspace> count_workspaces_;
   std::vector<ContrastWorkspace> contrast_workspaces_;
   std::vector<MotionModel> models_;
-  std::vector<std::uint8_t> tracked_;                  // per model
+  std::vector<std::int32_t> objects_;                  // per model
   std::vector<std::int64_t> label_costs_;              // per model
   std::vector<std::vector<std::uint16_t>> sharpness_;  // per model, per point
   std::vector<std::vector<std::int32_t>> doubts_;      // per model, per block
@@ -363,7 +384,7 @@ class PoolSearch {
 ModelPool make_model_pool(const PointView& points, std::span<const std::uint8_t> positive,
                           const WarpFrame& frame, Region plane, const PoolOptions& options,
                           ThreadPool& pool) {
-  if (points.size() == 0) return {{make_motion(richest(options.kinds))}, {0}};
+  if (points.size() == 0) return {{make_motion(richest(options.kinds))}, {no_object}};
   PoolSearch search(points, positive, frame, plane, options, pool);
   search.add(std::vector<MotionModel>{Translation{}});
   search.add(options.candidates);

@@ -140,6 +140,9 @@ void SegmenterOptions::check() const {
           "lambda_label_per_event must be 0..1e6");
   require(tracked_share >= 0 && tracked_share <= 1,
           "tracked_share is " + std::to_string(tracked_share) + ", expected 0..1");
+  rounded_cost(lambda_place, "lambda_place");
+  require(lambda_speed >= 0 && lambda_speed <= 255,
+          "lambda_speed is " + std::to_string(lambda_speed) + ", expected 0..255");
   require(axis_doubt >= 0 && axis_doubt <= 255,
           "axis_doubt is " + std::to_string(axis_doubt) + ", expected 0..255");
   require(bracket_row >= 1 && bracket_row <= 64,
@@ -193,7 +196,10 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   check_events(events, size_);
   require_finite(prior.pool);
   require_finite(prior.candidates);
-  require_finite(prior.tracked);
+  for (const TrackedObject& object : prior.tracked) {
+    require_finite({object.model});
+    require(std::isfinite(object.seen), "the time at which a tracked object was seen is not finite");
+  }
   Segmentation result;
   StageClock clock(result.timings);
   const std::size_t n = events.size();
@@ -220,7 +226,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const double label_cost =
       share * (options_.lambda_label ? *options_.lambda_label
                                      : options_.lambda_label_per_event * static_cast<double>(n));
-  ModelPool models{prior.pool, std::vector<std::uint8_t>(prior.pool.size())};
+  ModelPool models{prior.pool, std::vector<std::int32_t>(prior.pool.size(), no_object)};
   if (models.models.empty()) {
     PoolOptions pool;
     pool.bracket_row = options_.bracket_row;
@@ -232,7 +238,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.lambda_data = options_.lambda_data;
     pool.lambda_label = label_cost;
     pool.tracked_share = options_.tracked_share;
-    pool.axis_doubt = options_.axis_doubt;
+    pool.doubt = {options_.axis_doubt, options_.lambda_speed};
     pool.sigma = options_.sigma;
     pool.candidates = prior.candidates;
     pool.tracked = prior.tracked;
@@ -246,10 +252,15 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   alternation_options.lambda_data = options_.lambda_data;
   alternation_options.smooth_cost = rounded_cost(options_.lambda_smooth, "lambda_smooth");
   alternation_options.label_cost = std::llround(label_cost);
-  for (const std::uint8_t tracked : models.tracked) {
+  for (const std::int32_t object : models.object) {
     alternation_options.label_costs.push_back(
-        std::llround(tracked ? options_.tracked_share * label_cost : label_cost));
+        std::llround(object == no_object ? label_cost : options_.tracked_share * label_cost));
   }
+  alternation_options.speed_cost = options_.lambda_speed;
+  alternation_options.place_cost = rounded_cost(options_.lambda_place, "lambda_place");
+  alternation_options.objects = models.object;
+  for (const TrackedObject& object : prior.tracked)
+    alternation_options.expected.push_back(where_expected(points, object, frame_, plane_));
   alternation_options.kinds = options_.kinds;
   alternation_options.refine = refine;
   alternation_options.sigma = options_.sigma;

@@ -3,11 +3,13 @@
 
 #include <cstdint>
 #include <string_view>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "emseg/band_expansion.hpp"
 #include "emseg/data_term.hpp"
+#include "emseg/motion_doubt.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/stage_clock.hpp"
 
@@ -29,6 +31,10 @@ struct AlternationOptions {
   std::int32_t smooth_cost = 30;                          // lambda_P
   std::int64_t label_cost = 8000;                         // lambda_M
   std::vector<std::int64_t> label_costs;                  // of each model given, where they differ
+  double speed_cost = 0;                                  // lambda_V, of an event (DoubtOptions::speed)
+  std::int32_t place_cost = 0;                            // lambda_T, of an event
+  std::vector<std::int32_t> objects;                      // that move by each model given, or no_object; none: empty
+  std::vector<std::vector<std::uint8_t>> expected;        // of each object, where_expected
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
   double sigma = 1;         // blur of the data term's images, px
@@ -40,8 +46,10 @@ struct AlternationOptions {
 };
 
 // Labels and models of one window with their energy
-//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + sum_(l used) lambda_M(l),
-// lambda_M one for all labels or one for each.  A refit keeps the label cost of the model that it takes the
+//   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + sum_(l used) lambda_M(l)
+//             + lambda_V sum_k log(1 + way of M_L(k) at e_k / 10 px) + lambda_T sum_k [L_k is astray],
+// lambda_M one for all labels or one for each.  A label is astray where an object is expected that does not
+// move by it, and that of an object's motion where its object is not expected.  A refit keeps the label cost of the model that it takes the
 // place of.  No step raises E.  G_ref, the sharpness that costs nothing, is part of the published energy and
 // follows the models there (the largest pixel of any of them); the logarithmic term's is taken once, from the
 // models given.
@@ -70,7 +78,8 @@ class Alternation {
   bool refit();
   bool members_changed(std::size_t label) const;
   void evaluate(const MotionModel& model, int worker, ModelSupport& support);
-  void evaluate_costs(const ModelSupport& support, std::vector<std::int32_t>& costs) const;
+  void evaluate_costs(const MotionModel& model, const ModelSupport& support, std::int32_t object,
+                      std::vector<std::int32_t>& costs) const;
   double reference_with(std::size_t label, const ModelSupport& support) const;
   std::int64_t data_cost() const;
   void set_reference(double reference);
@@ -93,6 +102,10 @@ class Alternation {
   std::vector<MotionModel> models_;
   std::vector<ModelSupport> supports_;
   std::vector<std::int64_t> label_costs_;
+  std::vector<std::int32_t> objects_;  // per model
+  std::vector<std::uint8_t> anyones_;  // per event: where some object is expected; empty: no place costs
+  std::optional<BlockGrid> blocks_;    // whose events share the cost of speed
+  std::optional<MotionDoubt> doubt_;
   double reference_ = 0;
   std::vector<std::vector<std::int32_t>> costs_;  // per model, per event
   std::vector<std::int32_t> labels_;

@@ -4,8 +4,10 @@
 #include <vector>
 
 #include "emseg/data_term.hpp"
+#include "emseg/motion_doubt.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/region_velocities.hpp"
+#include "emseg/tracked_object.hpp"
 
 namespace emseg {
 
@@ -19,8 +21,8 @@ struct PoolOptions {
   double lambda_data = 1;
   double lambda_label = 8000;
   double tracked_share = 1;  // of lambda_label, that a tracked model costs
-  double axis_doubt = 0;  // cost of an event by a motion along an axis (axis_doubt.hpp), as the data term's
-  double sigma = 1;       // blur of the data term's images, px
+  DoubtOptions doubt;        // in units of the data term
+  double sigma = 1;          // blur of the data term's images, px
   int block = 8;          // side of the blocks that models are chosen over, px
   int tile = 64;          // side of the smallest sub-volumes, which overlap by half, px
   double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
@@ -29,12 +31,14 @@ struct PoolOptions {
   std::size_t max_refit_events = 2000;  // used of a model's
   int max_rounds = 2;                   // of refitting and choosing again
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
-  std::vector<MotionModel> tracked;     // further ones, of objects that are known to be there
+  std::vector<TrackedObject> tracked;   // objects that are known to be there
 };
+
+constexpr std::int32_t no_object = -1;
 
 struct ModelPool {
   std::vector<MotionModel> models;
-  std::vector<std::uint8_t> tracked;  // per model: one of the tracked, or a refit of one
+  std::vector<std::int32_t> object;  // per model: which tracked object moves by it, or no_object
 };
 
 // Sub-volumes of the image plane: for h = 1, 2, .. an h x h division (bracket_row and bracket_col bound it

@@ -45,7 +45,9 @@ struct SegmenterOptions {
   std::optional<double> lambda_label;  // cost of a used label; none: lambda_label_per_event times the events
   double lambda_label_per_event = 0.25;
   double tracked_share = 0.5;  // of the cost of a label, that a tracked object's costs (WindowPrior)
-  double axis_doubt = 20;      // what an event costs more in the pool's search by a motion along an axis
+  double lambda_place = 20;    // cost of an event of a tracked object's elsewhere, or of another's in its place
+  double lambda_speed = 21;    // cost of an event for every e-fold of its way (DoubtOptions::speed)
+  double axis_doubt = 20;      // and in the pool's search by a motion along an axis (DoubtOptions::axis)
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
   Flicker flicker = Flicker::left_out;
@@ -84,7 +86,7 @@ struct WindowPrior {
   std::optional<std::int64_t> t_ref;    // us; none: the middle of the window
   std::vector<MotionModel> pool;        // the model pool; none: searched for
   std::vector<MotionModel> candidates;  // further candidates of the search, such as the last window's models
-  std::vector<MotionModel> tracked;     // and those of objects that are known to be there
+  std::vector<TrackedObject> tracked;   // objects that are known to be there
 };
 
 // Calls from several threads take turns.
