@@ -10,7 +10,6 @@
 
 #include "emseg/band_expansion.hpp"
 #include "expansion_moves.hpp"
-#include "grouped_problem.hpp"
 #include "label_merging.hpp"
 #include "pixel_blocks.hpp"
 
@@ -80,8 +79,8 @@ inline std::vector<std::int32_t> block_majorities(const PixelBlocks& blocks,
   return majority;
 }
 
-// Without initial labels, those of lenient smoothness, sought from groups of blocks on, and what full
-// smoothness makes of them; else the initial labels' majorities, and what lenient smoothness makes of those.
+// Without initial labels, those of lenient and of full smoothness; else the initial labels' majorities, and
+// what lenient smoothness makes of them.
 template <typename Cost>
 BlockLabels label_blocks(const PixelBlocks& blocks, const WindowLabeling& problem,
                          std::span<const std::int32_t> initial, const BandOptions& options,
@@ -100,12 +99,7 @@ BlockLabels label_blocks(const PixelBlocks& blocks, const WindowLabeling& proble
     result.second = std::move(part.labels);
     return result;
   }
-  set_block_weights(blocks, options.lenient_smoothness * problem.smooth_cost, part);
-  const GroupedProblem groups(part.view());
-  std::vector<std::int32_t> of_group = cheapest_labels(groups.view());
-  merge_labels(groups.view(), of_group);
-  expand_in_turn(groups.view(), options.max_sweeps, widest, workspace, of_group);
-  part.labels = groups.spread(of_group);
+  part.labels = cheapest_labels(part.view());
   solve(options.lenient_smoothness, Expanded::all);
   BlockLabels result{part.labels, {}};
   solve(1, Expanded::used);  // smoother labels are fewer

@@ -81,6 +81,19 @@ class MovesInTurn {
   std::int64_t changes_ = 0;
 };
 
+// The cheapest label of every site by itself.
+template <typename Cost>
+std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& problem) {
+  const auto label_count = static_cast<std::ptrdiff_t>(problem.label_count);
+  std::vector<std::int32_t> labels(problem.site_count());
+  auto row = problem.unary.begin();
+  for (std::int32_t& label : labels) {
+    label = static_cast<std::int32_t>(std::min_element(row, row + label_count) - row);
+    row += label_count;
+  }
+  return labels;
+}
+
 // Which labels are expanded.
 enum class Expanded {
   all,

@@ -12,19 +12,6 @@
 
 namespace emseg {
 
-// Of every site.
-template <typename Cost>
-std::vector<std::int32_t> cheapest_labels(const BasicLabelingProblem<Cost>& problem) {
-  const auto label_count = static_cast<std::ptrdiff_t>(problem.label_count);
-  std::vector<std::int32_t> labels(problem.site_count());
-  auto row = problem.unary.begin();
-  for (std::int32_t& label : labels) {
-    label = static_cast<std::int32_t>(std::min_element(row, row + label_count) - row);
-    row += label_count;
-  }
-  return labels;
-}
-
 // Its energy is that of the labellings that are constant in every group: minimising it first, where a move is
 // an order cheaper, leaves only the groups' rims and the proof to the sites.  Edges stand in the row of their
 // smaller end, as in an OrderedProblem.

@@ -43,7 +43,7 @@ class LabelTotals {
     std::int64_t gain = 0;
   };
 
-  // The merger that gains most, again and again until none gains anything.
+  // The merger of near copies that gains most, again and again until none gains anything.
   Mergers merge() {
     Mergers mergers;
     for (std::int32_t l = 0; l < count(); ++l) mergers.becomes.push_back(l);
@@ -52,7 +52,7 @@ class LabelTotals {
       std::int32_t from = 0, to = 0;
       for (std::int32_t l = 0; l < count(); ++l) {
         for (std::int32_t m = 0; is_used(l) && m < count(); ++m) {
-          const std::int64_t gain = m == l ? 0 : gain_of(l, m);
+          const std::int64_t gain = m == l || !is_near_copy(l, m) ? 0 : gain_of(l, m);
           if (gain > most) most = gain, from = l, to = m;
         }
       }
@@ -70,6 +70,13 @@ class LabelTotals {
   }
   bool is_used(std::int32_t label) const { return sites_[static_cast<std::size_t>(label)] > 0; }
   std::int64_t cost_of(std::int32_t label) const { return label_cost_[static_cast<std::size_t>(label)]; }
+
+  // Its sites are fitted by their label, and by the other for little more than a label's price: what a merger
+  // of others gains is the boundaries of labels that are not settled yet, and cuts place them better.
+  bool is_near_copy(std::int32_t label, std::int32_t other) const {
+    const std::int64_t loss = data_[at(label, other)] - data_[at(label, label)];
+    return loss >= 0 && loss <= 2 * cost_of(label);
+  }
 
   std::int64_t gain_of(std::int32_t from, std::int32_t to) const {
     return data_[at(from, from)] - data_[at(from, to)] + cut_[at(from, to)] + cost_of(from) -
@@ -92,7 +99,8 @@ class LabelTotals {
   std::vector<std::int64_t> cut_;         // between two labels, symmetric
 };
 
-// Merges labels of a problem's sites as long as that lowers the energy.  Returns by how much it did.
+// Merges near copies among the labels of a problem's sites as long as that lowers the energy.  Returns by how
+// much it did.
 template <typename Cost>
 std::int64_t merge_labels(const BasicLabelingProblem<Cost>& problem, std::vector<std::int32_t>& labels) {
   std::vector<std::int64_t> label_cost;
