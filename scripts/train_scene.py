@@ -14,6 +14,7 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from emseg.tracking import Tracker
 
 Array = npt.NDArray[np.float64]
 WINDOWS = 10
+SLOWNESS = (0.0, 21.0)  # Config.lambda_speed: without it the grid feigns many motions, which then are told
 DISPLACEMENT = 8.0  # px of objects against the background, times .5 to 2
 
 
@@ -86,11 +88,16 @@ def examples_of(path: Path) -> list[Example]:
     """The examples of a recording, a window each."""
     data = dict(np.load(path))
     t, width, height = data["t"], int(data["width"]), int(data["height"])
-    segmenter = emseg.Segmenter(width, height, config=emseg.Config(threads=1, background="widest"))
+    segmenters = [
+        emseg.Segmenter(
+            width, height, config=emseg.Config(threads=1, background="widest", lambda_speed=slowness)
+        )
+        for slowness in SLOWNESS
+    ]
     tracker = Tracker(width, height)
     random = np.random.default_rng(sum(path.name.encode()))
     examples = []
-    for place in np.linspace(0.06, 0.9, WINDOWS):
+    for place, segmenter in product(np.linspace(0.06, 0.9, WINDOWS), segmenters):
         begin = t[0] + place * (t[-1] - t[0])
         duration = DISPLACEMENT / relative_speed(data, begin) * random.uniform(0.5, 2)
         first, last = np.searchsorted(t, [begin, begin + 1e6 * np.clip(duration, 0.01, 0.15)])
@@ -116,7 +123,7 @@ def examples_of(path: Path) -> list[Example]:
         scene_features = None
         if still:
             own = np.array([scene.appearance(part, window) for part in still])
-            flow = scene.still_motion(still, window, scene.ambiguity(own))
+            flow = scene.still_motion(still, window, scene.ambiguity(own), scene.firmness(own))
             largest = max(still, key=lambda p: p.area)
             scene_features = np.array([scene.motion_against(p, largest, window, flow) for p in parts])
         examples.append(

@@ -27,6 +27,15 @@ std::vector<NamedModel> named(const std::vector<MotionModel>& models) {
   return result;
 }
 
+std::vector<Vec2f> vectors(const Array<float>& columns) {
+  if (columns.ndim() != 2 || columns.shape(1) != 2)
+    throw std::invalid_argument("places must be an (n, 2) array");
+  const std::span<const float> values = view(columns);
+  std::vector<Vec2f> result;
+  for (std::size_t i = 0; i < values.size(); i += 2) result.push_back({values[i], values[i + 1]});
+  return result;
+}
+
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
                               std::optional<double> lambda_label, double lambda_speed, double axis_doubt,
                               const std::string& polarity_name, const std::string& footprint_name,
@@ -72,7 +81,8 @@ void bind_segmenter(py::module_& m) {
       .def(py::init(&make_options), py::kw_only(),
            py::arg("data_term") = std::string(name_of(defaults.data_term)),
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
-           py::arg("lambda_label") = defaults.lambda_label, py::arg("lambda_speed") = defaults.lambda_speed, py::arg("axis_doubt") = defaults.axis_doubt,
+           py::arg("lambda_label") = defaults.lambda_label, py::arg("lambda_speed") = defaults.lambda_speed,
+           py::arg("axis_doubt") = defaults.axis_doubt,
            py::arg("polarity") = std::string(name_of(defaults.polarity)),
            py::arg("footprint") = std::string(name_of(defaults.footprint)),
            py::arg("flicker") = std::string(name_of(defaults.flicker)),
@@ -168,7 +178,9 @@ void bind_segmenter(py::module_& m) {
           py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("t_ref") = std::nullopt,
           py::arg("pool") = std::vector<NamedModel>{}, py::arg("candidates") = std::vector<NamedModel>{},
           py::arg("tracked") = std::vector<std::tuple<NamedModel, Array<float>, double>>{},
-          "Segment one window.  Models are (kind, parameters); an empty pool is searched for.")
+          "Segment one window.  Models are (kind, parameters); an empty pool is searched for.  Tracked "
+          "objects are "
+          "(model, places, px, when they were there, s after t_ref).")
       .def(
           "motion_losses",
           [](const Segmenter& segmenter, const Array<std::uint16_t>& x, const Array<std::uint16_t>& y,

@@ -179,7 +179,7 @@ bool Alternation::refit() {
                                 options_.refine, contrast_workspaces_[static_cast<std::size_t>(worker)])
                       .model;
     evaluate(refit.model, worker, refit.support);
-    if (options_.term != DataTerm::published) 
+    if (options_.term != DataTerm::published)
       evaluate_costs(refit.model, refit.support, objects_[refit.label], refit.costs);
   });
   refitted_labels_ = labels_;
@@ -267,7 +267,9 @@ void Alternation::evaluate_costs(const MotionModel& model, const ModelSupport& s
 
 void Alternation::set_reference(double reference) {
   reference_ = reference;
-  pool_.for_each(models_.size(), [&](std::size_t m, int) { evaluate_costs(models_[m], supports_[m], objects_[m], costs_[m]); });
+  pool_.for_each(models_.size(), [&](std::size_t m, int) {
+    evaluate_costs(models_[m], supports_[m], objects_[m], costs_[m]);
+  });
 }
 
 }  // namespace emseg

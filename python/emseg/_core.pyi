@@ -329,6 +329,7 @@ class SegmenterOptions:
         lambda_data: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 24.0,
         lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
+        lambda_speed: typing.SupportsFloat | typing.SupportsIndex = 21.0,
         axis_doubt: typing.SupportsFloat | typing.SupportsIndex = 20.0,
         polarity: str = "opposed",
         footprint: str = "scattered",
@@ -378,6 +379,8 @@ class SegmenterOptions:
     def lambda_label(self) -> float | None: ...
     @property
     def lambda_smooth(self) -> float: ...
+    @property
+    def lambda_speed(self) -> float: ...
     @property
     def mark_noise(self) -> bool: ...
     @property
@@ -461,11 +464,15 @@ class Segmenter:
             tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
         ] = [],
         tracked: collections.abc.Sequence[
-            tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]]
+            tuple[
+                tuple[str, collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]],
+                numpy.typing.NDArray[numpy.float32],
+                typing.SupportsFloat | typing.SupportsIndex,
+            ]
         ] = [],
     ) -> Segmentation:
         """
-        Segment one window.  Models are (kind, parameters); an empty pool is searched for.
+        Segment one window.  Models are (kind, parameters); an empty pool is searched for.  Tracked objects are (model, places, px, when they were there, s after t_ref).
         """
 
 class TextureKind:

@@ -95,6 +95,12 @@ class Config:
         least=0,
         most=1e12,
     )
+    lambda_speed: float = number(
+        21.0,
+        "Cost of an event by a motion, times log(1 + px over the window / 10): fast ones are sharp by chance",
+        least=0,
+        most=255,
+    )
     axis_doubt: float = number(
         20.0,
         "Cost of an event, when motions are searched, by one along columns or rows: straight edges feign it",

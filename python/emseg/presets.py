@@ -14,6 +14,7 @@ __all__ = ["PRESETS"]
 _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
     "background": "widest",
+    "lambda_speed": 0.0,
     "axis_doubt": 0.0,
     "polarity": "ignored",
     "footprint": "point",

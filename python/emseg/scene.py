@@ -34,6 +34,7 @@ __all__ = [
     "ambiguity",
     "appearance",
     "choose_background",
+    "firmness",
     "find_parts",
     "motion_against",
     "moving_logits",
@@ -44,6 +45,7 @@ MIN_EVENTS: Final = 30
 
 _SURELY_STILL: Final = -1.0  # logit
 _AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
+_FIRM: Final = 0.12  # nats an event that a firm motion loses by being off
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
@@ -159,8 +161,13 @@ class Window:
         return _core.image_velocities(*model.native(), self._frame, places) * self.duration
 
 
-def still_motion(parts: Sequence[Part], window: Window, ambiguous: Sequence[float] | Features) -> MotionModel:
-    """One planar motion for all of several parts that stand still, each weighing by its area.
+def still_motion(
+    parts: Sequence[Part],
+    window: Window,
+    ambiguous: Sequence[float] | Features,
+    firm: Sequence[float] | Features,
+) -> MotionModel:
+    """One planar motion for all of several parts that stand still, each weighing by its area and firmness.
 
     A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the
     image's coordinates.  They are fitted to the displacements of the parts at their tiles by least squares
@@ -169,7 +176,7 @@ def still_motion(parts: Sequence[Part], window: Window, ambiguous: Sequence[floa
     """
     events = window.events
     places, flows, weights, ways = [], [], [], []
-    for part, doubt in zip(parts, ambiguous, strict=True):
+    for part, doubt, weight in zip(parts, ambiguous, firm, strict=True):
         y, x = np.nonzero(part.tiles)
         at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
         at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
@@ -178,8 +185,8 @@ def still_motion(parts: Sequence[Part], window: Window, ambiguous: Sequence[floa
         way = window.displacement(part.model, *part.centre)
         way = way / max(1e-6, float(np.linalg.norm(way)))
         ways.append(np.tile(np.eye(2) - 0.99 * doubt * np.outer(way, way), (len(at), 1, 1)))
-        weights.append(np.full(len(at), (part.area + 1e-3) / len(at)))
-    flow, weight, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
+        weights.append(np.full(len(at), weight * (part.area + 1e-3) / len(at)))
+    flow, share, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
     r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
     f0 = max(events.width, events.height)
     one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
@@ -195,7 +202,7 @@ def still_motion(parts: Sequence[Part], window: Window, ambiguous: Sequence[floa
     calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
     robust = np.ones(len(r))
     for _ in range(4):
-        scale = np.sqrt(weight / weight.sum() * robust)
+        scale = np.sqrt(share / share.sum() * robust)
         rows = np.concatenate([(terms * scale[:, None, None]).reshape(-1, 8), calm])
         values = np.concatenate([(flow * scale[:, None]).ravel(), np.zeros(8)])
         fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
@@ -216,6 +223,7 @@ def appearance(part: Part, window: Window) -> Features:
         + int(bottom > events.height - 1 - _BORDER)
     )
     (still,) = window.loss(window.sample(part), part.model, STILL, _RING[:1])
+    off = window.loss(window.sample(part), part.model, part.model, _RING[9:])
     along = window.displacement(part.model, *part.centre)
     speed = math.hypot(*along)
     # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
@@ -240,6 +248,8 @@ def appearance(part: Part, window: Window) -> Features:
             across,
             (1 - went) * (2 - across) * min(speed, 20.0) / 10,
             beyond,
+            float(np.mean(off)),
+            min(off),
         ],
         dtype=np.float64,
     )
@@ -333,7 +343,7 @@ def _perceptron(weights: dict[str, Any]) -> Perceptron:
 
 
 def choose_background(areas: Sequence[float], own: Features, logits: Features) -> int | None:
-    """Which part is largest and surest to stand still by appearance; None where none is likely to.
+    """Which part is largest, firmest, and surest to stand still by appearance; None where none is likely to.
 
     Args:
         areas: Of the parts.
@@ -341,7 +351,7 @@ def choose_background(areas: Sequence[float], own: Features, logits: Features) -
         logits: That they move, (n,).
     """
     still = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
-    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own))
+    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own)) * firmness(own)
     score[(np.array(areas) < _LARGE) | (still < 0.25)] = 0
     return int(score.argmax()) if len(score) and score.max() > 0 else None
 
@@ -356,6 +366,16 @@ def ambiguity(own: Features) -> Features:
     sure = [np.clip((0.6 - went) / 0.3, 0, 1), np.clip((speed - 5) / 5, 0, 1), np.clip(1.5 - across, 0, 1)]
     doubt: Features = np.prod(sure, axis=0)
     return doubt
+
+
+def firmness(own: Features) -> Features:
+    """How far the events of parts hold to their motions, 0.1 to 1, (n,), by their appearance (n, features).
+
+    Noise and flicker lie where they lie: what gathers them explains them no better than a motion that is some
+    pixels off would.
+    """
+    firm: Features = np.clip(own[:, 15] / _FIRM, 0.1, 1.0)
+    return firm
 
 
 def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
@@ -376,7 +396,7 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
     against = np.array([motion_against(part, background, window) for part in parts])
     logits = by_part(np.hstack([own, against])) - _doubt(own)
     still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
-    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]))
+    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firmness(own[still]))
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     return by_scene(np.hstack([own, against])) - _doubt(own), background, reference
 

@@ -20,8 +20,8 @@ from emseg.camera import Camera, shared_undistortion_table
 from emseg.config import Config
 from emseg.event_buffer import EventBuffer
 from emseg.events import EventArray
-from emseg.motion import MotionModel, iwe, warp
-from emseg.tracking import BOX_DTYPE, Objects, Tracker, bounding_box
+from emseg.motion import MotionModel, iwe, middle_time, warp
+from emseg.tracking import BOX_DTYPE, Objects, TrackedMotion, Tracker, bounding_box
 from emseg.window_length import FIRST_TRIAL_US, MOST_EVENTS, next_duration
 
 __all__ = ["Segmentation", "Segmenter", "segment"]
@@ -67,6 +67,7 @@ def engine_options(config: Config) -> _core.SegmenterOptions:
         polarity=config.polarity,
         footprint=config.footprint,
         flicker=config.flicker,
+        lambda_speed=config.lambda_speed,
         axis_doubt=config.axis_doubt,
         labelling=config.labelling,
         sigma=config.sigma,
@@ -265,13 +266,13 @@ class Segmenter:
         *,
         pool: Sequence[MotionModel] = (),
         candidates: Sequence[MotionModel] = (),
-        tracked: Sequence[MotionModel] = (),
+        tracked: Sequence[TrackedMotion] = (),
         t_ref: int | None = None,
     ) -> Segmentation:
         """As `segment`, but labels are motions: label 0 is the most widely spread, and no part is judged.
 
         `tracked` are motions of objects that are known to be there: their labels cost less, since what was
-        seen before need not prove itself again.
+        seen before need not prove itself again, and most where the objects are expected.
         """
         self._check_sensor(events)
         return self._segment_by(
@@ -332,18 +333,19 @@ class Segmenter:
         *,
         pool: Sequence[MotionModel] = (),
         candidates: Sequence[MotionModel] = (),
-        tracked: Sequence[MotionModel] = (),
+        tracked: Sequence[TrackedMotion] = (),
         t_ref: int | None = None,
     ) -> Segmentation:
+        middle = middle_time(events) if t_ref is None else t_ref
         found = engine.segment(
             events.x,
             events.y,
             events.t,
             events.p,
-            t_ref,
+            middle,
             [model.native() for model in pool],
             [model.native() for model in candidates],
-            [model.native() for model in tracked],
+            [(known.model.native(), known.places, 1e-6 * (known.t - middle)) for known in tracked],
         )
         models = [
             MotionModel(kind, params, label)  # type: ignore[arg-type]
@@ -448,12 +450,12 @@ class KnownMotions(TypedDict, total=False):
     """What is known of a window beforehand, as `Segmenter.find_motions` takes it."""
 
     candidates: list[MotionModel]
-    tracked: list[MotionModel]
+    tracked: list[TrackedMotion]
 
 
-def known_motions(found: Segmentation, tracked: list[MotionModel]) -> KnownMotions:
+def known_motions(found: Segmentation, tracked: list[TrackedMotion]) -> KnownMotions:
     """What a later window may start from, as `find_motions` takes it: motions of objects, and the others."""
-    moving = [model.native() for model in tracked]
+    moving = [known.model.native() for known in tracked]
     return {"candidates": [m for m in found.models if m.native() not in moving], "tracked": tracked}
 
 

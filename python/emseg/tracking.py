@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
@@ -16,7 +16,7 @@ from emseg.events import EventArray
 from emseg.motion import MotionModel, warp_some
 from emseg.scene import Part, Window, find_parts, moving_logits
 
-__all__ = ["BOX_DTYPE", "Objects", "Tracker", "bounding_box"]
+__all__ = ["BOX_DTYPE", "Objects", "TrackedMotion", "Tracker", "bounding_box"]
 
 BOX_DTYPE: Final = np.dtype([("track", "i4"), ("x", "f4"), ("y", "f4"), ("w", "f4"), ("h", "f4")])
 """A track's box: left upper corner and size, px."""
@@ -28,6 +28,7 @@ _HALF_FORGOTTEN_US: Final = 30_000  # age at which a track's number counts half
 _MEMORY: Final = 0.7  # share of the evidence of earlier windows that counts in the next
 _WENT: Final = 1.5  # weight of where a part went
 _TOLD_APART: Final = 8.0  # px between two windows, from which on that can be told
+_PLACES: Final = 400  # events of a part, at the most, whose places are remembered
 _SURE: Final = 6.0  # logit beyond which evidence does not add up
 
 Box = tuple[float, float, float, float]
@@ -84,6 +85,7 @@ class _Track:
     seen: int  # µs
     evidence: float  # that it moves: logits of its windows, older ones forgotten
     model: MotionModel
+    places: npt.NDArray[np.float32]  # of some of its events then, px; none before it has moved
 
     def predicted(self, t: int) -> Box:
         dx, dy = self.velocity * ((t - self.seen) * 1e-6)
@@ -97,6 +99,21 @@ def _overlap(a: Box, b: Box) -> float:
     h = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
     shared = max(0.0, w) * max(0.0, h)
     return shared / (a[2] * a[3] + b[2] * b[3] - shared)
+
+
+@dataclass(frozen=True)
+class TrackedMotion:
+    """The motion of an object that is known to be there.
+
+    Attributes:
+        model: How it moves.
+        places: Where some of its events were, px, float32 (n, 2); none: it may be anywhere.
+        t: When they were there, µs.
+    """
+
+    model: MotionModel
+    places: npt.NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    t: int = 0
 
 
 @dataclass(frozen=True)
@@ -198,14 +215,24 @@ class Tracker:
             if part is not background:
                 velocity = window.displacement(part.model, *part.centre) / window.duration
                 strength = min(max(float(evidence[k]), -_SURE), _SURE)
-                self._remember(_Track(numbers[k], boxes[k], velocity, t_ref, strength, part.model), seen[k])
+                few = part.own[:: 1 + len(part.own) // _PLACES] if numbers[k] else part.own[:0]
+                places = warp_some(events, few, part.model, t_ref, camera=self._camera)
+                self._remember(
+                    _Track(numbers[k], boxes[k], velocity, t_ref, strength, part.model, places), seen[k]
+                )
         self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
         return found
 
-    def motions(self) -> list[MotionModel]:
-        """Last known motions of the objects that are remembered, each once."""
-        known = {str(t.model.native()): t.model for t in self._tracks if t.number and t.evidence > 0}
-        return list(known.values())
+    def motions(self) -> list[TrackedMotion]:
+        """Last known motions of the objects that are remembered, each once, and where it was seen."""
+        known: dict[tuple[str, int], list[_Track]] = {}
+        for track in self._tracks:
+            if track.number and track.evidence > 0:
+                known.setdefault((str(track.model.native()), track.seen), []).append(track)
+        return [
+            TrackedMotion(tracks[0].model, np.concatenate([track.places for track in tracks]), seen)
+            for (_, seen), tracks in known.items()
+        ]
 
     def split(
         self, events: EventArray, labels: npt.NDArray[np.int32], models: Sequence[MotionModel], t_ref: int

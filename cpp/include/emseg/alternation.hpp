@@ -2,8 +2,8 @@
 #pragma once
 
 #include <cstdint>
-#include <string_view>
 #include <optional>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -12,6 +12,7 @@
 #include "emseg/motion_doubt.hpp"
 #include "emseg/motion_fit.hpp"
 #include "emseg/stage_clock.hpp"
+#include "emseg/tracked_object.hpp"
 
 namespace emseg {
 
@@ -28,12 +29,12 @@ Labelling labelling(std::string_view name);
 struct AlternationOptions {
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
-  std::int32_t smooth_cost = 30;                          // lambda_P
-  std::int64_t label_cost = 8000;                         // lambda_M
-  std::vector<std::int64_t> label_costs;                  // of each model given, where they differ
-  double speed_cost = 0;                                  // lambda_V, of an event (DoubtOptions::speed)
-  std::int32_t place_cost = 0;                            // lambda_T, of an event
-  std::vector<std::int32_t> objects;                      // that move by each model given, or no_object; none: empty
+  std::int32_t smooth_cost = 30;          // lambda_P
+  std::int64_t label_cost = 8000;         // lambda_M
+  std::vector<std::int64_t> label_costs;  // of each model given, where they differ
+  double speed_cost = 0;                  // lambda_V, of an event (DoubtOptions::speed)
+  std::int32_t place_cost = 0;            // lambda_T, of an event
+  std::vector<std::int32_t> objects;      // that move by each model given, or no_object; none: empty
   std::vector<std::vector<std::uint8_t>> expected;        // of each object, where_expected
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
@@ -49,10 +50,10 @@ struct AlternationOptions {
 //   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + sum_(l used) lambda_M(l)
 //             + lambda_V sum_k log(1 + way of M_L(k) at e_k / 10 px) + lambda_T sum_k [L_k is astray],
 // lambda_M one for all labels or one for each.  A label is astray where an object is expected that does not
-// move by it, and that of an object's motion where its object is not expected.  A refit keeps the label cost of the model that it takes the
-// place of.  No step raises E.  G_ref, the sharpness that costs nothing, is part of the published energy and
-// follows the models there (the largest pixel of any of them); the logarithmic term's is taken once, from the
-// models given.
+// move by it, and that of an object's motion where its object is not expected.  A refit keeps the label cost
+// of the model that it takes the place of.  No step raises E.  G_ref, the sharpness that costs nothing, is
+// part of the published energy and follows the models there (the largest pixel of any of them); the
+// logarithmic term's is taken once, from the models given.
 class Alternation {
  public:
   // What is passed by reference must outlive the alternation.  There is at least one model and one point.

@@ -23,8 +23,8 @@ struct PoolOptions {
   double tracked_share = 1;  // of lambda_label, that a tracked model costs
   DoubtOptions doubt;        // in units of the data term
   double sigma = 1;          // blur of the data term's images, px
-  int block = 8;          // side of the blocks that models are chosen over, px
-  int tile = 64;          // side of the smallest sub-volumes, which overlap by half, px
+  int block = 8;             // side of the blocks that models are chosen over, px
+  int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
   double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
   std::size_t max_events = 16000;       // used of a window
@@ -33,8 +33,6 @@ struct PoolOptions {
   std::vector<MotionModel> candidates;  // further ones, such as the last window's models
   std::vector<TrackedObject> tracked;   // objects that are known to be there
 };
-
-constexpr std::int32_t no_object = -1;
 
 struct ModelPool {
   std::vector<MotionModel> models;

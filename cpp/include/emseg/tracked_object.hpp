@@ -9,6 +9,8 @@
 
 namespace emseg {
 
+constexpr std::int32_t no_object = -1;  // where the index of a tracked object is asked for
+
 struct TrackedObject {
   MotionModel model;
   std::vector<Vec2f> places;  // of some of its events on the image plane, px; none: it may be anywhere

@@ -27,9 +27,8 @@ from emseg.events import EventArray
 from emseg.live.event_queue import EventQueue
 from emseg.live.sources import LiveSource
 from emseg.live.thinning import Thinning, even_sample
-from emseg.motion import MotionModel
 from emseg.segmentation import KnownMotions, Segmentation, Segmenter, known_motions
-from emseg.tracking import Tracker
+from emseg.tracking import TrackedMotion, Tracker
 from emseg.window_length import FIRST_TRIAL_US, next_duration
 
 __all__ = ["LiveFigures", "LiveSegmenter", "LiveWindow"]
@@ -161,7 +160,7 @@ class LiveSegmenter:
         self._origin: int | None = None
         # By the windows that are done; read while the next ones start:
         self._wanted_us = FIRST_TRIAL_US
-        self._tracked: list[MotionModel] = []
+        self._tracked: list[TrackedMotion] = []
         self.figures = LiveFigures()
 
     def run(self) -> Iterator[LiveWindow]:
