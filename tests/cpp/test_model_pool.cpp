@@ -35,7 +35,7 @@ double nearest(const std::vector<MotionModel>& pool, const MotionModel& truth, c
 }
 
 // Makes a pool from the events that a sensor would have seen.
-ModelPool flagged_pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
+ModelPool whole_pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
   Scene seen;
   for (std::size_t k = 0; k < scene.size(); ++k) {
     const float x = scene.points.x[k], y = scene.points.y[k];
@@ -45,21 +45,42 @@ ModelPool flagged_pool_of(const Scene& scene, const PoolOptions& options, int th
   }
   ThreadPool pool(threads);
   ModelPool made = make_model_pool(seen.view(), seen.positive, frame, plane, options, pool);
-  REQUIRE(made.tracked.size() == made.models.size());
+  REQUIRE(made.object.size() == made.models.size());
+  for (const std::int32_t object : made.object) {
+    REQUIRE(object >= no_object);
+    REQUIRE(object < static_cast<std::int32_t>(options.tracked.size()));
+  }
   return made;
 }
 
 std::vector<MotionModel> pool_of(const Scene& scene, const PoolOptions& options, int threads = 2) {
-  return flagged_pool_of(scene, options, threads).models;
+  return whole_pool_of(scene, options, threads).models;
 }
 
-// The models of a pool that are flagged as tracked, or those that are not.
-std::vector<MotionModel> models_where(const ModelPool& pool, bool tracked) {
+// The models of a pool that a tracked object moves by, or that none does.
+std::vector<MotionModel> models_of(const ModelPool& pool, std::int32_t object) {
   std::vector<MotionModel> models;
   for (std::size_t m = 0; m < pool.models.size(); ++m) {
-    if ((pool.tracked[m] != 0) == tracked) models.push_back(pool.models[m]);
+    if (pool.object[m] == object) models.push_back(pool.models[m]);
   }
   return models;
+}
+
+bool same(const MotionModel& a, const MotionModel& b) {
+  return kind_of(a) == kind_of(b) && std::ranges::equal(params_of(a), params_of(b));
+}
+
+// Some of the places at which a scene's source is `seen` s after t_ref.
+std::vector<Vec2f> places_of(const Scene& scene, std::int32_t source, const MotionModel& motion, double seen) {
+  std::vector<Vec2f> places;
+  for (std::size_t k = 0; k < scene.size(); k += 3) {
+    if (scene.source[k] != source) continue;
+    const Place home =
+        reference_warp(motion, frame, {scene.points.x[k], scene.points.y[k]}, scene.points.dt[k]);
+    const Place then = reference_unwarp(motion, frame, home, seen);
+    places.push_back({static_cast<float>(then.x), static_cast<float>(then.y)});
+  }
+  return places;
 }
 
 }  // namespace
@@ -173,38 +194,77 @@ TEST_CASE("what is tracked stays in the pool, whether or not it explains anythin
   for (const MotionModel& model : pool_of(scene, options)) CHECK(!(params_of(model)[0] > 700));
   // Two that nothing moves by; the like among the candidates goes.
   options.candidates.push_back(Translation{{800, 700}});
-  options.tracked = {Translation{{900, -700}}, Similarity{{-800, -750, 0.1, 0.2}}};
-  const ModelPool pool = flagged_pool_of(scene, options);
-  const auto tracked = models_where(pool, true);
-  REQUIRE(tracked.size() == 2);
-  for (std::size_t m = 0; m < 2; ++m) {
-    CHECK(kind_of(tracked[m]) == MotionKind::similarity);
-    CHECK(motion_distance(tracked[m], options.tracked[m], frame, scene.view()) < 1e-4);
+  options.tracked = {{Translation{{900, -700}}}, {Similarity{{-800, -750, 0.1, 0.2}}}};
+  const ModelPool pool = whole_pool_of(scene, options);
+  for (std::size_t i = 0; i < 2; ++i) {
+    // As it was, and once more: it may be anywhere, so there is nothing to fit it to.
+    const auto tracked = models_of(pool, static_cast<std::int32_t>(i));
+    REQUIRE(tracked.size() == 2);
+    for (const MotionModel& model : tracked) {
+      CHECK(kind_of(model) == MotionKind::similarity);
+      CHECK(motion_distance(model, options.tracked[i].model, frame, scene.view()) < 1e-4);
+    }
   }
-  CHECK(nearest(models_where(pool, false), options.candidates[1], scene, 0) > 3);
-  CHECK(nearest(models_where(pool, false), scene_motion, scene, 0) < 0.5);
+  CHECK(nearest(models_of(pool, no_object), options.candidates[1], scene, 0) > 3);
+  CHECK(nearest(models_of(pool, no_object), scene_motion, scene, 0) < 0.5);
 }
 
-TEST_CASE("refits of what is tracked are flagged too") {
+TEST_CASE("refits of what is tracked are its object's too") {
   const MotionModel scene_motion = Translation{{50, 20}}, object_motion = Translation{{-200, 90}};
   const Scene scene = object_before_scene(scene_motion, object_motion);
   PoolOptions options;
   options.lambda_label = 0.2 * static_cast<double>(scene.size());
   options.candidates = {scene_motion};
-  options.tracked = {Translation{{-170, 120}}};  // two pixels off over the window
-  const double off = nearest(options.tracked, object_motion, scene, 2);
+  const MotionModel known = Translation{{-170, 120}};  // two pixels off over the window
+  options.tracked = {{Translation{{900, -700}}}, {known}};
+  const double off = nearest({known}, object_motion, scene, 2);
   REQUIRE(off > 0.4);
-  const ModelPool pool = flagged_pool_of(scene, options);
-  const auto tracked = models_where(pool, true);
-  CHECK(nearest(tracked, options.tracked[0], scene, 2) < 1e-4);
+  const ModelPool pool = whole_pool_of(scene, options);
+  const auto tracked = models_of(pool, 1);
+  CHECK(nearest(tracked, known, scene, 2) < 1e-4);
   CHECK(nearest(tracked, object_motion, scene, 2) < 0.5 * off);
-  CHECK(nearest(models_where(pool, false), object_motion, scene, 2) > 3);
+  CHECK(nearest(models_of(pool, 0), object_motion, scene, 2) > 3);
+  CHECK(nearest(models_of(pool, no_object), object_motion, scene, 2) > 3);
   for (const int threads : {1, 7}) {
-    const ModelPool again = flagged_pool_of(scene, options, threads);
-    CHECK(again.tracked == pool.tracked);
-    REQUIRE(again.models.size() == pool.models.size());
-    for (std::size_t m = 0; m < pool.models.size(); ++m)
-      CHECK(std::ranges::equal(params_of(pool.models[m]), params_of(again.models[m])));
+    const ModelPool again = whole_pool_of(scene, options, threads);
+    CHECK(again.object == pool.object);
+    CHECK(std::ranges::equal(again.models, pool.models, same));
+  }
+}
+
+TEST_CASE("what is tracked is fitted to the events where it is expected, whatever else pays") {
+  const MotionModel scene_motion = Translation{{50, 20}}, object_motion = Translation{{-200, 90}};
+  const Scene scene = object_before_scene(scene_motion, object_motion);
+  PoolOptions options;
+  options.candidates = {scene_motion};
+  options.lambda_label = 255 * static_cast<double>(scene.size());  // more than all data: one is chosen
+  options.tracked_share = 1;
+  const MotionModel known = Translation{{-150, 130}};
+  const double off = nearest({known}, object_motion, scene, 2);
+  REQUIRE(off > 0.8);
+  // It has turned since it was seen, by what is known of it, where that brings it to where it is.
+  for (const double seen : {0.0, -0.04}) {
+    CAPTURE(seen);
+    TrackedObject object{known, places_of(scene, 2, object_motion, 0), seen};
+    for (Vec2f& place : object.places) {
+      const Place then = reference_unwarp(known, frame, {place.x, place.y}, seen);
+      place = {static_cast<float>(then.x), static_cast<float>(then.y)};
+    }
+    options.tracked = {object};
+    const ModelPool pool = whole_pool_of(scene, options);
+    const auto tracked = models_of(pool, 0);
+    REQUIRE(tracked.size() == 2);
+    CHECK(nearest({tracked[0]}, known, scene, 2) < 1e-4);
+    CHECK(nearest({tracked[1]}, object_motion, scene, 2) < 0.3 * off);
+    for (const int threads : {1, 7})
+      CHECK(std::ranges::equal(whole_pool_of(scene, options, threads).models, pool.models, same));
+  }
+  // Where nothing, or next to nothing is, there is nothing to fit it to: it stays as it was.
+  for (const std::vector<Vec2f>& places : {std::vector<Vec2f>{{-60, -40}}, {{1e9f, 0}}, {}}) {
+    options.tracked = {{known, places, 0}};
+    const auto tracked = models_of(whole_pool_of(scene, options), 0);
+    REQUIRE(tracked.size() == 2);
+    CHECK(same(tracked[0], tracked[1]));
   }
 }
 
@@ -213,12 +273,12 @@ TEST_CASE("what is tracked is chosen, and so refitted, where its share of a labe
   const Scene scene = object_before_scene(scene_motion, object_motion);
   PoolOptions options;
   options.candidates = {scene_motion};
-  options.tracked = {Translation{{-170, 120}}};
+  options.tracked = {{Translation{{-170, 120}}}};
   options.lambda_label = 255 * static_cast<double>(scene.size());  // more than all data
   options.tracked_share = 1;
-  CHECK(models_where(flagged_pool_of(scene, options), true).size() == 1);
+  CHECK(models_of(whole_pool_of(scene, options), 0).size() == 2);
   options.tracked_share = 0;
-  CHECK(models_where(flagged_pool_of(scene, options), true).size() > 1);
+  CHECK(models_of(whole_pool_of(scene, options), 0).size() > 2);
 }
 
 TEST_CASE("a doubtful motion explains less") {
@@ -233,8 +293,24 @@ TEST_CASE("a doubtful motion explains less") {
   const auto trusting = pool_of(scene, options);
   CHECK(nearest(trusting, along, scene, 1) < 1);
   CHECK(nearest(trusting, aslant, scene, 2) < 1);
-  options.axis_doubt = 255;
+  options.doubt.axis = 255;
   const auto doubting = pool_of(scene, options);
   CHECK(nearest(doubting, along, scene, 1) > 1);
   CHECK(nearest(doubting, aslant, scene, 2) < 1);
+}
+
+TEST_CASE("a fast motion explains less") {
+  const MotionModel slow = Translation{{60, 40}}, fast = Translation{{-420, 380}};
+  const Scene scene = moving_dots({{Translation{{20, 30}}, {0, 0, 160, 70}, 150, 12},
+                                   {slow, {30, 75, 50, 40}, 60, 12},
+                                   {fast, {100, 75, 40, 40}, 60, 12}},
+                                  frame, 0.05, 2);
+  PoolOptions options;
+  options.lambda_label = 0.1 * static_cast<double>(scene.size());
+  const auto trusting = pool_of(scene, options);
+  CHECK(nearest(trusting, slow, scene, 1) < 1);
+  CHECK(nearest(trusting, fast, scene, 2) < 1);
+  options.doubt.speed = 255;
+  const auto doubting = pool_of(scene, options);
+  CHECK(nearest(doubting, fast, scene, 2) > 3);
 }
