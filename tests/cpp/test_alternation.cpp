@@ -6,6 +6,7 @@
 #include <string>
 
 #include "emseg/alternation.hpp"
+#include "emseg/model_selection.hpp"
 #include "synthetic_events.hpp"
 
 using namespace emseg;
@@ -71,10 +72,28 @@ Outcome alternated(const std::vector<MotionModel>& models, const AlternationOpti
   return {alternation.models(), alternation.labels(), alternation.trace(), alternation.reference()};
 }
 
-// The definition: data, edges of the event graph, used labels; those from `first_free` on are free.
+// What speed and place add to the cost of an event by a model, by the definition; blocks are of 8 px.
+std::int64_t prior_cost(std::size_t k, const std::vector<std::int32_t>& doubts, std::int32_t object,
+                        const AlternationOptions& options) {
+  const int column = std::clamp(static_cast<int>(window().points.x[k]) / 8, 0, 160 / 8 - 1);
+  const int row = std::clamp(static_cast<int>(window().points.y[k]) / 8, 0, 120 / 8 - 1);
+  bool astray = false;
+  if (object == no_object) {
+    for (const auto& expected : options.expected) astray = astray || (!expected.empty() && expected[k]);
+  } else {
+    const auto& expected = options.expected[static_cast<std::size_t>(object)];
+    astray = !expected.empty() && !expected[k];
+  }
+  return doubts[static_cast<std::size_t>(row * (160 / 8) + column)] + (astray ? options.place_cost : 0);
+}
+
+// The definition: data, speed, place, edges of the event graph, used labels; those from `first_free` on are
+// free.  `objects` move by the models of the outcome; none where it is short.
 std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& options,
-                            std::size_t first_free = 1000) {
+                            std::size_t first_free = 1000, const std::vector<std::int32_t>& objects = {}) {
   IweWorkspace workspace;
+  const BlockGrid grid = make_block_grid(Points{}.view(), plane, 8);
+  const MotionDoubt doubt(grid, window().points.view().seconds(), {.speed = options.speed_cost});
   std::int64_t energy = 0;
   for (std::size_t l = 0; l < outcome.models.size(); ++l) {
     ModelSupport support;
@@ -82,10 +101,12 @@ std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& op
                      gaussian_taps(options.sigma), workspace, support);
     std::vector<std::int32_t> costs(window().size());
     integer_costs(options.term, support.sharpness, outcome.reference, options.lambda_data, costs);
+    const std::vector<std::int32_t> doubts = doubt.of(outcome.models[l], frame);
+    const std::int32_t object = l < objects.size() ? objects[l] : no_object;
     bool used = false;
     for (std::size_t k = 0; k < window().size(); ++k) {
       if (outcome.labels[k] != static_cast<std::int32_t>(l)) continue;
-      energy += costs[k];
+      energy += costs[k] + prior_cost(k, doubts, object, options);
       used = true;
     }
     if (used && l < first_free) energy += options.label_cost;
@@ -257,6 +278,116 @@ TEST_CASE("every model has a label cost of its own, where they are given, which 
       CHECK(accuracy(alternated(models, options)) > 0.95);
     }
   }
+}
+
+namespace {
+
+// Whether each event is a thing's that moves by object_motion.
+std::vector<std::uint8_t> of_object() {
+  std::vector<std::uint8_t> flags;
+  for (const std::int32_t source : window().events.source) flags.push_back(source == 4);
+  return flags;
+}
+
+std::vector<std::uint8_t> left_half() {
+  std::vector<std::uint8_t> flags;
+  for (const float x : window().points.x) flags.push_back(x < 80);
+  return flags;
+}
+
+}  // namespace
+
+TEST_CASE("speed and places are part of the energy, of the labels, the refits and what is free") {
+  for (const DataTerm term : terms) {
+    for (const Labelling labelling : labellings) {
+      CAPTURE(name_of(term));
+      CAPTURE(name_of(labelling));
+      AlternationOptions options = options_of(term, labelling);
+      const std::vector<MotionModel> models{near_truth[2], near_truth[0], near_truth[1]};
+      options.speed_cost = 21;
+      options.place_cost = 20;
+      options.objects = {2, no_object, 1};
+      // One that is nowhere, the one that is there, one that may be anywhere.
+      options.expected = {std::vector<std::uint8_t>(window().size(), 0), of_object(), {}};
+      const Outcome outcome = alternated(models, options);
+      CHECK(std::is_sorted(outcome.trace.rbegin(), outcome.trace.rend()));
+      CHECK(outcome.trace.size() > 2);
+      REQUIRE(outcome.models.size() == 2);  // the first goes, and its object with it
+      const std::vector<std::int32_t> left{no_object, 1};
+      CHECK(outcome.energy() == defined_energy(outcome, options, 1000, left));
+      CHECK(accuracy(outcome) > 0.95);
+      // Each of the two terms says something.
+      AlternationOptions without = options;
+      without.speed_cost = 0;
+      CHECK(outcome.energy() > defined_energy(outcome, without, 1000, left));
+      without = options;
+      without.place_cost = 0;
+      CHECK(outcome.energy() > defined_energy(outcome, without, 1000, left));
+      // A free model has its speed, and is no object's.
+      options.objects = {no_object};
+      const Outcome with = alternated({scene_motion}, options, 2, {object_motion});
+      REQUIRE(with.models.size() == 2);
+      CHECK(with.energy() == defined_energy(with, options, 1));
+      // The same for any number of workers.
+      options.objects = {2, no_object, 1};
+      for (const int threads : {1, 7}) {
+        const Outcome again = alternated(models, options, threads);
+        CHECK(again.labels == outcome.labels);
+        CHECK(again.trace == outcome.trace);
+      }
+    }
+  }
+}
+
+TEST_CASE("what is dear astray is not: an object has its place, and no other") {
+  for (const DataTerm term : terms) {
+    for (const Labelling labelling : labellings) {
+      CAPTURE(name_of(term));
+      CAPTURE(name_of(labelling));
+      AlternationOptions options = options_of(term, labelling);
+      options.smooth_cost = 0;
+      options.label_cost = 0;
+      options.iterations = 0;
+      options.place_cost = 1000;  // more than all data of an event
+      const std::vector<MotionModel> models{scene_motion, object_motion};
+      options.objects = {no_object, 0};
+      options.expected = {left_half()};
+      const Outcome outcome = alternated(models, options);
+      REQUIRE(outcome.models.size() == 2);
+      for (std::size_t k = 0; k < window().size(); ++k) REQUIRE(outcome.labels[k] == options.expected[0][k]);
+      // Two that are expected at one place share it.
+      options.objects = {0, 1};
+      options.expected = {left_half(), left_half()};
+      const Outcome shared = alternated(models, options);
+      // Nothing is expected: places say nothing.
+      options.expected = {{}, {}};
+      const Outcome anywhere = alternated(models, options);
+      options.place_cost = 0;
+      CHECK(anywhere.trace == alternated(models, options).trace);
+      std::int64_t elsewhere = 0;
+      for (std::size_t k = 0; k < window().size(); ++k) elsewhere += window().points.x[k] >= 80;
+      CHECK(shared.energy() == anywhere.energy() + 1000 * elsewhere);
+    }
+  }
+}
+
+TEST_CASE("the faster of two motions that are as good is dearer") {
+  AlternationOptions options = options_of(DataTerm::logarithmic, Labelling::bands);
+  options.iterations = 0;
+  // Each explains its own as well as ever; the object's is the faster.
+  const auto events_of_object = [&](double speed_cost) {
+    options.speed_cost = speed_cost;
+    const Outcome outcome = alternated({scene_motion, object_motion}, options);
+    CHECK(outcome.energy() == defined_energy(outcome, options));
+    return std::ranges::count(outcome.labels, 1);
+  };
+  const auto fair = events_of_object(0);
+  const auto doubted = events_of_object(255);
+  CHECK(fair > 0);
+  CHECK(doubted < fair);
+  const Outcome both = alternated({Translation{}, Translation{{1000, 0}}}, options);
+  CHECK(both.models.size() == 1);
+  CHECK(params_of(both.models[0])[0] == 0);
 }
 
 TEST_CASE("labellings have names") {

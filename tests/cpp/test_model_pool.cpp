@@ -71,7 +71,8 @@ bool same(const MotionModel& a, const MotionModel& b) {
 }
 
 // Some of the places at which a scene's source is `seen` s after t_ref.
-std::vector<Vec2f> places_of(const Scene& scene, std::int32_t source, const MotionModel& motion, double seen) {
+std::vector<Vec2f> places_of(const Scene& scene, std::int32_t source, const MotionModel& motion,
+                             double seen) {
   std::vector<Vec2f> places;
   for (std::size_t k = 0; k < scene.size(); k += 3) {
     if (scene.source[k] != source) continue;

@@ -43,8 +43,8 @@ Place displacement(const BlockGrid& grid, int block, const MotionModel& model, c
 // Of all blocks, which agree where the motion is uniform.
 std::int32_t uniform_doubt(double dx, double dy, const DoubtOptions& options) {
   const WarpFrame frame = make_warp_frame({64, 48});
-  const auto doubts = doubts_of(Translation{{dx / window, dy / window}}, options,
-                                grid_over({0, 0, 64, 48}, 16), frame);
+  const auto doubts =
+      doubts_of(Translation{{dx / window, dy / window}}, options, grid_over({0, 0, 64, 48}, 16), frame);
   REQUIRE(doubts.size() == 12);
   REQUIRE(std::ranges::count(doubts, doubts.front()) == 12);
   return doubts.front();

@@ -20,6 +20,7 @@ SegmenterOptions published_images(SegmenterOptions options) {
   options.footprint = Footprint::point;
   options.flicker = Flicker::kept;
   options.axis_doubt = 0;
+  options.lambda_speed = 0;
   options.sigma = 1;
   return options;
 }
@@ -28,45 +29,6 @@ double accuracy(const Segmentation& result, const RecordedEvents& events) {
   double right = 0;
   for (std::size_t k = 0; k < events.size(); ++k) right += result.labels[k] == events.source[k];
   return right / static_cast<double>(events.size());
-}
-
-// The energy of a result, written out: data, edges between labels, labels used; nothing is tracked.
-std::int64_t written_out_energy(const Segmentation& result, const RecordedEvents& events,
-                                const SegmenterOptions& options) {
-  const WarpFrame frame = make_warp_frame(sensor);
-  Points points = make_points(events.view(), result.t_ref);
-  if (options.footprint == Footprint::scattered) scatter_over_pixels(events.view(), result.t_ref, points);
-  if (options.polarity == Polarity::opposed) {
-    for (const std::uint8_t p : events.p) points.sign.push_back(p ? 1.0f : -1.0f);
-  }
-  const auto taps = gaussian_taps(options.sigma);
-  IweWorkspace workspace;
-  std::int64_t energy = 0;
-  std::vector<std::int32_t> costs(events.size());
-  for (std::size_t l = 0; l < result.models.size(); ++l) {
-    ModelSupport support;
-    evaluate_support(points.view(), result.models[l], frame, canvas_of(plane), taps, workspace, support);
-    integer_costs(options.data_term, support.sharpness, result.reference_sharpness, options.lambda_data,
-                  costs);
-    bool used = false;
-    for (std::size_t k = 0; k < events.size(); ++k) {
-      if (result.labels[k] != static_cast<std::int32_t>(l)) continue;
-      energy += costs[k];
-      used = true;
-    }
-    const double label_cost = options.lambda_label
-                                  ? *options.lambda_label
-                                  : options.lambda_label_per_event * static_cast<double>(events.size());
-    if (used) energy += std::llround(label_cost);
-  }
-  const EventGraph graph = build_event_graph(events.view(), sensor);
-  for (std::size_t i = 0; i < events.size(); ++i) {
-    for (std::int64_t e = graph.indptr[i]; e < graph.indptr[i + 1]; ++e) {
-      const auto j = static_cast<std::size_t>(graph.indices[static_cast<std::size_t>(e)]);
-      if (result.labels[i] != result.labels[j]) energy += std::llround(options.lambda_smooth);
-    }
-  }
-  return energy;
 }
 
 bool same(const Segmentation& a, const Segmentation& b) {

@@ -81,6 +81,30 @@ TEST_CASE("a pool that throws all events off the canvas is survived") {
   }
 }
 
+TEST_CASE("tracked objects at places and times without bounds are survived") {
+  constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+  WindowPrior prior;
+  prior.tracked = {{object_motion, {{nan, 0}, {1e30f, -1e30f}}, -1e300},
+                   {Similarity{{1e30, 1e300, 0, 0}}, {{80, 60}}, 1},
+                   {Rotation{{1e6, 1e20, 3}}, {{80, 60}}, 0},
+                   {Translation{}, {}, 1e9}};
+  SegmenterOptions dear;
+  dear.lambda_place = 1e9;
+  dear.lambda_data = 1e6;
+  dear.lambda_speed = 255;
+  for (const SegmenterOptions& options : {SegmenterOptions{}, dear}) {
+    for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
+      SegmenterOptions of_term = options;
+      of_term.data_term = term;
+      check_sound(segmented(two_motions(), of_term, prior), two_motions().size());
+      RecordedEvents few;
+      check_sound(segmented(few, of_term, prior), 0);
+      for (int k = 0; k < 30; ++k) few.add(k, 60, 1000 * k);
+      check_sound(segmented(few, of_term, prior), few.size());
+    }
+  }
+}
+
 TEST_CASE("a camera's own table makes no difference, another one does") {
   const Camera camera{sensor, 200, 200, 80, 60, DistortionModel::radtan, {-0.2, 0.03, 0, 0, 0}};
   const RecordedEvents events = two_motions();
@@ -116,6 +140,21 @@ TEST_CASE("what does not fit is refused by name") {
   CHECK(refused([](auto& o) { o.lambda_smooth = nan; }).find("lambda_smooth is nan") == 0);
   CHECK(refused([](auto& o) { o.lambda_label = 2e9; }).find("lambda_label is 2000000000") == 0);
   CHECK(refused([](auto& o) { o.lambda_label_per_event = nan; }).find("lambda_label_per_event") == 0);
+  for (const double share : {-0.1, 1.1, nan})
+    CHECK(refused([&](auto& o) { o.tracked_share = share; }).find("tracked_share is ") == 0);
+  CHECK(refused([](auto& o) { o.lambda_place = 2e9; }).find("lambda_place is 2000000000") == 0);
+  CHECK(refused([](auto& o) { o.lambda_place = -1; }).find("lambda_place is -1") == 0);
+  for (const double doubt : {-1.0, 255.5, nan}) {
+    CHECK(refused([&](auto& o) { o.axis_doubt = doubt; }).find("axis_doubt is ") == 0);
+    CHECK(refused([&](auto& o) { o.lambda_speed = doubt; }).find("lambda_speed is ") == 0);
+  }
+  CHECK(refused([](auto& o) { o.axis_doubt = -1; }) == "axis_doubt is -1.000000, expected 0..255");
+  CHECK(refused([](auto& o) { o.lambda_speed = 256; }) == "lambda_speed is 256.000000, expected 0..255");
+  CHECK(refused([](auto& o) {
+          o.tracked_share = 1;
+          o.axis_doubt = o.lambda_speed = 255;
+          o.lambda_place = 1e9;
+        }) == "");
   CHECK(refused([](auto& o) { o.bracket_row = 0; }).find("bracket_row is 0") == 0);
   CHECK(refused([](auto& o) { o.bracket_col = 65; }).find("bracket_col is 65") == 0);
   CHECK(refused([](auto& o) { o.bounds.speed = 0; }).find("largest speed is 0") == 0);
@@ -155,4 +194,12 @@ TEST_CASE("what does not fit is refused by name") {
   CHECK(refusal([&] {
           segmented(two_motions(), {}, prior);
         }).find("parameter 5 of the affine is not finite") == 0);
+  prior.candidates.clear();
+  prior.tracked = {{scene_motion}, {Translation{{0, nan}}}};
+  CHECK(refusal([&] {
+          segmented(two_motions(), {}, prior);
+        }).find("parameter 1 of the translation is not finite") == 0);
+  prior.tracked = {{scene_motion, {{80, 60}}, nan}};
+  CHECK(refusal([&] { segmented(two_motions(), {}, prior); }) ==
+        "the time at which a tracked object was seen is not finite");
 }

@@ -1,5 +1,3 @@
-#include "emseg/tracked_object.hpp"
-
 #include <doctest/doctest.h>
 
 #include <algorithm>
@@ -7,6 +5,7 @@
 #include <limits>
 
 #include "emseg/iwe.hpp"
+#include "emseg/tracked_object.hpp"
 #include "synthetic_events.hpp"
 
 using namespace emseg;
@@ -114,8 +113,8 @@ TEST_CASE("an object is expected in the cells about its places, both moved to t_
     const int count = trial % 5 ? 12 : 1;
     for (int i = 0; i < count; ++i) {
       // Some lie off the plane, and some off the canvas.
-      object.places.push_back({static_cast<float>(uniform(random, -110, 270)),
-                               static_cast<float>(uniform(random, -80, 200))});
+      object.places.push_back(
+          {static_cast<float>(uniform(random, -110, 270)), static_cast<float>(uniform(random, -80, 200))});
     }
     const Points points = random_points(random, 400);
     const Flags found = where_expected(points.view(), object, frame, plane);
@@ -155,9 +154,10 @@ TEST_CASE("by hand: an object that was seen earlier is expected where it has gon
 TEST_CASE("off the plane an object is followed, beyond the canvas it is lost") {
   const Region canvas = canvas_of(plane);
   const auto left = static_cast<float>(canvas.x0), top = static_cast<float>(canvas.y0);
-  const float right = left + static_cast<float>(canvas.width), bottom = top + static_cast<float>(canvas.height);
-  const std::vector<Vec2f> corners{{left, top}, {right - 0.5f, top}, {left, bottom - 0.5f},
-                                   {right - 0.5f, bottom - 0.5f}};
+  const float right = left + static_cast<float>(canvas.width),
+              bottom = top + static_cast<float>(canvas.height);
+  const std::vector<Vec2f> corners{
+      {left, top}, {right - 0.5f, top}, {left, bottom - 0.5f}, {right - 0.5f, bottom - 0.5f}};
   for (const Vec2f corner : corners) {
     const TrackedObject object{Translation{}, {corner}, 0};
     const Flags found = where_expected(standing(corners).view(), object, frame, plane);
@@ -168,7 +168,8 @@ TEST_CASE("off the plane an object is followed, beyond the canvas it is lost") {
     const Points there = standing({outside});
     CHECK(where_expected(there.view(), {Translation{}, {outside}, 0}, frame, plane) == Flags{0});
     // Nor is what lies beyond it near a place within.
-    CHECK(where_expected(there.view(), {Translation{}, {corners[0], corners[3]}, 0}, frame, plane) == Flags{0});
+    CHECK(where_expected(there.view(), {Translation{}, {corners[0], corners[3]}, 0}, frame, plane) ==
+          Flags{0});
   }
 }
 
@@ -190,5 +191,6 @@ TEST_CASE("places and motions without bounds are survived") {
   // Whatever stands at t_ref is where it is by any motion; what was seen before has gone.
   const MotionModel wild = Homography{{1e30, -1e30, 1e9, 0, 0, 1e9, 1e30, 1e30}};
   CHECK(where_expected(points.view(), {wild, {{80, 60}}, -1}, frame, plane) == Flags(4, 0));
-  CHECK(where_expected(points.view(), {Translation{{100, 0}}, {{80, 60}}, 1e30}, frame, plane) == Flags(4, 0));
+  CHECK(where_expected(points.view(), {Translation{{100, 0}}, {{80, 60}}, 1e30}, frame, plane) ==
+        Flags(4, 0));
 }

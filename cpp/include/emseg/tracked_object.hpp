@@ -13,8 +13,8 @@ constexpr std::int32_t no_object = -1;  // where the index of a tracked object i
 
 struct TrackedObject {
   MotionModel model;
-  std::vector<Vec2f> places;  // of some of its events on the image plane, px; none: it may be anywhere
-  double seen = 0;            // when they were there, s after t_ref
+  std::vector<Vec2f> places = {};  // of some of its events on the image plane, px; none: it may be anywhere
+  double seen = 0;                 // when they were there, s after t_ref
 };
 
 // Per point, whether it is where its object is expected once both are moved to t_ref by the object's motion:
