@@ -116,7 +116,7 @@ TEST_CASE("an object is expected in the cells about its places, both moved to t_
       object.places.push_back(
           {static_cast<float>(uniform(random, -110, 270)), static_cast<float>(uniform(random, -80, 200))});
     }
-    const Points points = random_points(random, 400);
+    const Points points = random_points(random, 1000);
     const Flags found = where_expected(points.view(), object, frame, plane);
     REQUIRE(found.size() == points.size());
     const auto [places, at] = moved(points.view(), object);
@@ -141,12 +141,14 @@ TEST_CASE("an object is expected in the cells about its places, both moved to t_
 }
 
 TEST_CASE("by hand: an object that was seen earlier is expected where it has gone since") {
-  // 60 ms ago at (40, 50), at 200 px/s to the right and 100 px/s down.
-  const TrackedObject object{Translation{{200, 100}}, {{40, 50}}, -0.06};
-  const Points points = standing({{52, 56}, {40, 50}, {55, 53}, {62, 56}, {52, 66}, {46, 53}});
-  CHECK(where_expected(points.view(), object, frame, plane) == Flags{1, 0, 1, 0, 0, 0});
-  // Points are moved as well: what is at (40, 50) at that time is at the place.
-  Points then = standing({{40, 50}, {52, 56}});
+  // 60 ms ago at (41, 51), at 200 px/s to the right and 100 px/s down: now in the middle of the cells from
+  // (46, 52) to (58, 64).
+  const TrackedObject object{Translation{{200, 100}}, {{41, 51}}, -0.06};
+  const Points points =
+      standing({{53, 57}, {41, 51}, {46.5f, 52.5f}, {57, 63}, {59, 57}, {53, 65}, {45, 57}, {53, 51}});
+  CHECK(where_expected(points.view(), object, frame, plane) == Flags{1, 0, 1, 1, 0, 0, 0, 0});
+  // Points are moved as well: what was at (41, 51) at that time was at the place.
+  Points then = standing({{41, 51}, {53, 57}});
   then.dt.assign(2, -0.06f);
   CHECK(where_expected(then.view(), object, frame, plane) == Flags{1, 0});
 }

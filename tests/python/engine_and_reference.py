@@ -15,12 +15,14 @@ import emseg
 from emseg import reference
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
-# What the reference computes and the published code did: it knows neither signs, nor scatter, nor objects.
+# What the reference computes and the published code did: it knows neither signs, nor scatter, nor objects,
+# nor doubts about motions.
 AS_PUBLISHED: dict[str, Any] = {
     "polarity": "ignored",
     "footprint": "point",
     "flicker": "kept",
     "background": "widest",
+    "lambda_speed": 0.0,
     "axis_doubt": 0.0,
     "sigma": 1.0,
 }

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from engine_and_reference import AS_PUBLISHED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -128,16 +129,11 @@ def test_published_files_are_read(tmp_path: Path) -> None:
     path = tmp_path / "fast_drone.yaml"
     path.write_text(PUBLISHED_FILE)
     config = Config.from_yaml(path)
-    their_own: dict[str, Any] = {
+    their_own = {
         "data_term": "published",
         "noise_label": "off",
         "max_events_per_window": None,
-        "polarity": "ignored",
-        "footprint": "point",
-        "flicker": "kept",
-        "background": "widest",
-        "axis_doubt": 0.0,
-        "sigma": 1.0,
+        **AS_PUBLISHED,
     }
     assert replace(config, **their_own) == Config.preset("eed/fast_drone")
 

@@ -26,6 +26,7 @@ from emseg import reference
 from emseg.config import explain
 from emseg.metrics import one_to_one_accuracy
 from emseg.segmentation import known_motions
+from emseg.tracking import TrackedMotion
 
 PLAIN = {**AS_PUBLISHED, "noise_label": "off"}
 CONFIGS = {
@@ -160,17 +161,65 @@ def test_bands_and_exact_labels_are_nearly_as_good_for_the_same_models(data_term
 # What is known beforehand -----------------------------------------------------------------------------------
 
 
+SCENE, THING = (emseg.MotionModel("translation", v) for v in ((120.0, -60.0), (-150.0, 140.0)))
+DEAR = emseg.Config(lambda_label=250_000.0, threads=1)  # a label costs 120 for every event of the thing
+
+
+def expected_thing(model: emseg.MotionModel, t: int) -> TrackedMotion:
+    """The thing, which is in the middle of the view at t_ref, 520 000 µs, as it was at t if it moved so."""
+    at = np.stack(np.meshgrid(np.arange(60, 101, 4), np.arange(40, 81, 4)), axis=-1).reshape(-1, 2)
+    return TrackedMotion(model, (at + model.params * ((t - 520_000) * 1e-6)).astype(np.float32), t)
+
+
 def test_an_object_that_is_tracked_is_found_where_a_label_would_cost_too_much():
     events, truth = two_motions()
-    scene, thing = (emseg.MotionModel("translation", v) for v in ((120.0, -60.0), (-150.0, 140.0)))
-    config = emseg.Config(lambda_label=250_000.0, threads=1)  # 120 for every event of the thing
-    segmenter = emseg.Segmenter(events.width, events.height, config=config)
+    segmenter = emseg.Segmenter(events.width, events.height, config=DEAR)
     assert len(segmenter.find_motions(events).models) == 1
-    assert len(segmenter.find_motions(events, candidates=[scene, thing]).models) == 1
-    found = segmenter.find_motions(events, candidates=[scene], tracked=[thing])
+    assert len(segmenter.find_motions(events, candidates=[SCENE, THING]).models) == 1
+    tracked = [TrackedMotion(THING)]
+    found = segmenter.find_motions(events, candidates=[SCENE], tracked=tracked)
     assert one_to_one_accuracy(truth, found.labels) > 0.95
-    other = emseg.Segmenter(events.width, events.height, config=replace(config, threads=3))
-    assert same_result(other.find_motions(events, candidates=[scene], tracked=[thing]), found)
+    other = emseg.Segmenter(events.width, events.height, config=replace(DEAR, threads=3))
+    assert same_result(other.find_motions(events, candidates=[SCENE], tracked=tracked), found)
+
+
+@pytest.mark.parametrize("t", [520_000, 480_000])
+def test_an_object_that_turned_since_it_was_seen_is_found_by_its_place(t):
+    events, truth = two_motions()
+    segmenter = emseg.Segmenter(events.width, events.height, config=DEAR)
+    before = emseg.MotionModel("translation", (-40.0, 60.0))  # 5 px off over the window
+    assert (
+        len(segmenter.find_motions(events, candidates=[SCENE], tracked=[TrackedMotion(before)]).models) == 1
+    )
+    tracked = [expected_thing(before, t)]
+    found = segmenter.find_motions(events, candidates=[SCENE], tracked=tracked, t_ref=520_000)
+    assert one_to_one_accuracy(truth, found.labels) > 0.95
+    assert np.linalg.norm(found.models[1].params[:2] - THING.params) * 0.04 < 0.5
+    other = emseg.Segmenter(events.width, events.height, config=replace(DEAR, threads=3))
+    assert same_result(other.find_motions(events, candidates=[SCENE], tracked=tracked, t_ref=520_000), found)
+
+
+def test_places_are_of_their_time():
+    """What was seen earlier is expected where its motion has brought it."""
+    events, _ = two_motions()
+    segmenter = emseg.Segmenter(events.width, events.height, config=emseg.Config(threads=1))
+
+    def found(known):
+        return segmenter.find_motions(events, candidates=[SCENE], tracked=[known], t_ref=520_000)
+
+    now, earlier = expected_thing(THING, 520_000), expected_thing(THING, 320_000)
+    assert np.abs(now.places - earlier.places).max() > 20
+    assert same_result(found(now), found(earlier))
+    assert found(replace(now, t=320_000)).energy > found(now).energy
+
+
+def test_places_that_are_no_points_are_refused():
+    events, _ = two_motions()
+    segmenter = emseg.Segmenter(events.width, events.height)
+    for shape in ((4,), (4, 3), (0,)):
+        known = TrackedMotion(THING, np.zeros(shape, np.float32))
+        with pytest.raises(ValueError, match=r"places must be an \(n, 2\) array"):
+            segmenter.find_motions(events, tracked=[known])
 
 
 def test_what_is_known_is_tracked_or_a_candidate_but_not_both():
@@ -183,9 +232,14 @@ def test_what_is_known_is_tracked_or_a_candidate_but_not_both():
     tracker.assign(events, found.labels, found.models, found.t_ref)
     known = known_motions(found, tracker.motions())
     (thing,) = known["tracked"]
-    assert np.linalg.norm(thing.params[:2] - (-150.0, 140.0)) < 15
-    both = [model.native() for model in known["candidates"] + known["tracked"]]
+    assert np.linalg.norm(thing.model.params[:2] - THING.params) < 15
+    assert thing.t == found.t_ref
+    low, high = np.quantile(thing.places, (0.02, 0.98), axis=0)
+    np.testing.assert_allclose([low, high], [(60, 40), (100, 80)], atol=4)
+    both = [model.native() for model in known["candidates"]] + [thing.model.native()]
     assert sorted(both) == sorted(model.native() for model in found.models)
+    # What is known may be said of the next window at once.
+    assert len(segmenter.find_motions(events, **known).models) == len(found.models)
 
 
 # Windows of more events than motions and labels are found on ----------------------------------------------

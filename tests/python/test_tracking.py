@@ -5,16 +5,17 @@ Pairs are held against SciPy, which is slow to import and so not used there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from engine_and_reference import reference_camera
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
 
-from emseg import EventArray, MotionModel, scene, tracking
+from emseg import Camera, EventArray, MotionModel, scene, tracking
 from emseg.scene import Part
 from emseg.tracking import Objects, Tracker, best_pairs
 
@@ -64,6 +65,25 @@ def window(
 
 def assign(tracker: Tracker, *things: Thing, t_ref: int = 20_000, **others: Sequence[int]) -> Objects:
     return tracker.assign(*window(*things, t_ref=t_ref, **others))
+
+
+ToldTracker = Callable[[Sequence[float]], Tracker]
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> ToldTracker:
+    """Makes a tracker that is told how likely the one thing of each window moves, as logits."""
+
+    def make(logits: Sequence[float]) -> Tracker:
+        answers = iter(logits)
+
+        def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
+            return np.array([-9.0, next(answers)]), parts[0], scene.STILL
+
+        monkeypatch.setattr(tracking, "moving_logits", answer)
+        return Tracker(320, 240, loss=lambda *_, **__: [0.0])
+
+    return make
 
 
 LEFT, RIGHT = (100.0, 120.0), (142.0, 120.0)  # side by side
@@ -159,15 +179,9 @@ def test_an_object_that_is_missed_for_too_long_is_a_new_one(missed_at: int, numb
     ],
 )
 def test_evidence_of_earlier_windows_counts(
-    monkeypatch: pytest.MonkeyPatch, logits: list[float], moving: list[bool]
+    told: ToldTracker, logits: list[float], moving: list[bool]
 ) -> None:
-    answers = iter(logits)
-
-    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
-        return np.array([-9.0, next(answers)]), parts[0], scene.STILL
-
-    monkeypatch.setattr(tracking, "moving_logits", answer)
-    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    tracker = told(logits)
     # Too slow to say where it went, between the windows.
     found = [
         assign(tracker, (100 + 2.0 * k, 60.0, 50.0, 0.0), t_ref=20_000 + 40_000 * k)
@@ -177,16 +191,10 @@ def test_evidence_of_earlier_windows_counts(
 
 
 @pytest.mark.parametrize(("stays", "moves"), [(True, False), (False, True)])
-def test_what_stays_where_it_was_does_not_move_for_long(
-    monkeypatch: pytest.MonkeyPatch, stays: bool, moves: bool
-) -> None:
+def test_what_stays_where_it_was_does_not_move_for_long(told: ToldTracker, stays: bool, moves: bool) -> None:
     """A part that is said to move 20 px between two windows, and does or does not."""
 
-    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
-        return np.array([-9.0, 0.1]), parts[0], scene.STILL
-
-    monkeypatch.setattr(tracking, "moving_logits", answer)
-    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    tracker = told([0.1] * 3)
     for k in range(3):
         at = 100.0 if stays else 100.0 + 20.0 * k
         found = assign(tracker, (at, 60.0, 500.0, 0.0), t_ref=20_000 + 40_000 * k)
@@ -194,7 +202,7 @@ def test_what_stays_where_it_was_does_not_move_for_long(
 
 
 def velocities(tracker: Tracker) -> list[tuple[float, ...]]:
-    return sorted(tuple(model.params) for model in tracker.motions())
+    return sorted(tuple(known.model.params) for known in tracker.motions())
 
 
 def test_motions_are_those_of_objects_each_once_and_the_last_known() -> None:
@@ -206,6 +214,89 @@ def test_motions_are_those_of_objects_each_once_and_the_last_known() -> None:
     # One slows down, one is missed.
     assign(tracker, (60.0, 76.0, 0.0, 350.0), (160.0, 76.0, 0.0, 400.0), t_ref=60_000)
     assert velocities(tracker) == [(0.0, -400.0), (0.0, 350.0), (0.0, 400.0)]
+
+
+def places_of(events: EventArray, own: np.ndarray, model: MotionModel, t_ref: int) -> np.ndarray:
+    """Where events are at t_ref by a translation, in double precision."""
+    dt = (events.t[own] - t_ref) * 1e-6
+    return np.column_stack([events.x[own], events.y[own]]) - dt[:, None] * model.params
+
+
+def assert_some_of(places: np.ndarray, expected: np.ndarray) -> None:
+    """Each of the places is one of those expected, and they lie all over these."""
+    assert places.dtype == np.float32
+    assert places.shape[1] == 2
+    apart = np.linalg.norm(places[:, None] - expected[None], axis=2)
+    assert apart.min(axis=1).max() < 1e-3
+    assert apart.min(axis=0).max() < 8  # px: of a square of 40 px
+
+
+def test_motions_come_with_places_and_times() -> None:
+    tracker = Tracker(320, 240)
+    down, alike, up = (60.0, 60.0, 0.0, 400.0), (160.0, 60.0, 0.0, 400.0), (260.0, 180.0, 0.0, -400.0)
+    events, labels, models, t_ref = window(down, alike, up)
+    tracker.assign(events, labels, models, t_ref)
+    known = {tuple(known.model.params): known for known in tracker.motions()}
+    assert [motion.t for motion in known.values()] == [t_ref] * 2
+    places = known[0.0, 400.0].places
+    own = np.flatnonzero((labels == 1) | (labels == 2))  # one motion, of two objects
+    assert_some_of(places, places_of(events, own, models[1], t_ref))
+    assert 400 <= len(places) <= 800
+    places_up = known[0.0, -400.0].places
+    assert_some_of(places_up, places_of(events, np.flatnonzero(labels == 3), models[3], t_ref))
+    assert 200 <= len(places_up) <= 400
+    # What is missed was last seen where and when it was; what goes on is where it is now.
+    now = window((60.0, 76.0, 0.0, 350.0), (160.0, 76.0, 0.0, 400.0), t_ref=60_000)
+    tracker.assign(*now)
+    later = {tuple(known.model.params): known for known in tracker.motions()}
+    assert {velocity: motion.t for velocity, motion in later.items()} == {
+        (0.0, 350.0): 60_000,
+        (0.0, 400.0): 60_000,
+        (0.0, -400.0): t_ref,
+    }
+    np.testing.assert_array_equal(later[0.0, -400.0].places, places_up)
+    for label, velocity in ((1, (0.0, 350.0)), (2, (0.0, 400.0))):
+        own = np.flatnonzero(now[1] == label)
+        assert_some_of(later[velocity].places, places_of(now[0], own, now[2][label], 60_000))
+
+
+def test_one_motion_of_two_times_is_known_of_both() -> None:
+    tracker = Tracker(320, 240)
+    first, second = (60.0, 60.0, 0.0, 300.0), (260.0, 60.0, 0.0, 300.0)
+    assign(tracker, first, second)
+    assign(tracker, (60.0, 72.0, 0.0, 300.0), t_ref=60_000)
+    before, now = sorted(tracker.motions(), key=lambda known: known.t)
+    assert (before.t, now.t) == (20_000, 60_000)
+    assert before.model.native() == now.model.native()
+    assert before.places[:, 0].min() > 200
+    assert now.places[:, 0].max() < 100
+
+
+def test_places_are_on_the_image_plane_of_a_camera() -> None:
+    camera = Camera(320, 240, fx=250, fy=260, cx=150, cy=130, distortion=(-0.3, 0.1, 0, 0))
+    tracker = Tracker(320, 240, camera)
+    events, labels, models, t_ref = window((60.0, 60.0, 0.0, 400.0))
+    tracker.assign(events, labels, models, t_ref)
+    (known,) = tracker.motions()
+    own = np.flatnonzero(labels == 1)
+    seen = np.column_stack([events.x[own], events.y[own]])
+    shown = reference_camera(camera).undistort(seen)
+    assert np.linalg.norm(shown - seen, axis=1).min() > 1
+    dt = (events.t[own] - t_ref) * 1e-6
+    assert_some_of(known.places, shown - dt[:, None] * models[1].params)
+    assert known.t == t_ref
+
+
+def test_what_has_not_moved_has_no_places(told: ToldTracker) -> None:
+    """Nor is it known; once it has, it is where it was then."""
+    tracker = told([-3.0, 6.0])
+    standing = (100.0, 60.0, 50.0, 0.0)
+    assign(tracker, standing)
+    assert tracker.motions() == []
+    events, labels, models, t_ref = window(standing, t_ref=60_000)
+    tracker.assign(events, labels, models, t_ref)
+    (known,) = tracker.motions()
+    assert_some_of(known.places, places_of(events, np.flatnonzero(labels == 1), models[1], t_ref))
 
 
 @pytest.mark.parametrize(("later", "known"), [(tracking.MEMORY_US, 1), (tracking.MEMORY_US + 1, 0)])
@@ -222,15 +313,9 @@ def test_motions_are_forgotten_with_their_objects(later: int, known: int) -> Non
     ids=["moves", "stands", "doubted", "refuted"],
 )
 def test_only_motions_of_what_is_held_to_move_are_known(
-    monkeypatch: pytest.MonkeyPatch, logits: list[float], known: int
+    told: ToldTracker, logits: list[float], known: int
 ) -> None:
-    answers = iter(logits)
-
-    def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
-        return np.array([-9.0, next(answers)]), parts[0], scene.STILL
-
-    monkeypatch.setattr(tracking, "moving_logits", answer)
-    tracker = Tracker(320, 240, loss=lambda *_, **__: [0.0])
+    tracker = told(logits)
     for k in range(len(logits)):
         assign(tracker, (100 + 2.0 * k, 60.0, 50.0, 0.0), t_ref=20_000 + 40_000 * k)
     assert len(tracker.motions()) == known

@@ -49,11 +49,11 @@ struct AlternationOptions {
 // Labels and models of one window with their energy
 //   E(L, M) = lambda_D sum_k D(e_k, M_L(k)) + lambda_P sum_(i,j) [L_i != L_j] + sum_(l used) lambda_M(l)
 //             + lambda_V sum_k log(1 + way of M_L(k) at e_k / 10 px) + lambda_T sum_k [L_k is astray],
-// lambda_M one for all labels or one for each.  A label is astray where an object is expected that does not
-// move by it, and that of an object's motion where its object is not expected.  A refit keeps the label cost
-// of the model that it takes the place of.  No step raises E.  G_ref, the sharpness that costs nothing, is
-// part of the published energy and follows the models there (the largest pixel of any of them); the
-// logarithmic term's is taken once, from the models given.
+// lambda_M one for all labels or one for each.  The label of an object's motion is astray where that object
+// is not expected, and that of no object's where any is.  A refit keeps the label cost and the object of the
+// model that it takes the place of.  No step raises E.  G_ref, the sharpness that costs nothing, is part of
+// the published energy and follows the models there (the largest pixel of any of them); the logarithmic
+// term's is taken once, from the models given.
 class Alternation {
  public:
   // What is passed by reference must outlive the alternation.  There is at least one model and one point.
