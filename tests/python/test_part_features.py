@@ -216,7 +216,7 @@ def test_what_goes_with_its_motion_has_gone_all_of_it_and_what_stays_nothing() -
 
 
 def numpy_beyond(events: EventArray, own: np.ndarray, along: np.ndarray) -> float:
-    """By looking up every event, moved on and aside, in the image of the sums of all their signs."""
+    """By looking up every event, moved on and aside by whole pixels, in the image of the sums of all signs."""
     own = own[np.linspace(0, len(own) - 1, min(len(own), 4000)).astype(int)]
     far, signs = 100, 2.0 * events.p[own] - 1
     image = np.zeros((HEIGHT + 2 * far, WIDTH + 2 * far))
@@ -226,9 +226,8 @@ def numpy_beyond(events: EventArray, own: np.ndarray, along: np.ndarray) -> floa
     aside = np.array([-ahead[1], ahead[0]])
 
     def met(lag: float, away: float) -> float:
-        place = np.column_stack([events.x[own], events.y[own]]) + lag * ahead + away * aside
-        column, row = np.rint(place).astype(int).T + far
-        return float((signs * image[row, column]).mean())
+        right, down = np.rint(lag * ahead + away * aside).astype(int) + far
+        return float((signs * image[events.y[own] + down, events.x[own] + right]).mean())
 
     lags = [way * (share * length + 2.5) for way in (-1, 1) for share in (1.3, 1.6, 2.0)]
     return float(np.mean([max(met(lag, away) for away in range(-3, 4)) for lag in lags]))
