@@ -273,7 +273,8 @@ def test_the_engines_defaults_are_the_configs() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["lambda_smooth", "axis_doubt", "bracket_row", "affine_theta_max", "sigma", "threads"]
+    "name",
+    ["lambda_smooth", "lambda_speed", "axis_doubt", "bracket_row", "affine_theta_max", "sigma", "threads"],
 )
 def test_a_setting_reaches_the_engine(name: str) -> None:
     change: dict[str, Any] = {name: 3}

@@ -216,7 +216,7 @@ def test_what_goes_with_its_motion_has_gone_all_of_it_and_what_stays_nothing() -
 
 
 def numpy_beyond(events: EventArray, own: np.ndarray, along: np.ndarray) -> float:
-    """By looking up every event, moved on and aside by whole pixels, in the image of the sums of all signs."""
+    """By looking up every event, moved on and aside by whole pixels, in the image of all signs."""
     own = own[np.linspace(0, len(own) - 1, min(len(own), 4000)).astype(int)]
     far, signs = 100, 2.0 * events.p[own] - 1
     image = np.zeros((HEIGHT + 2 * far, WIDTH + 2 * far))
