@@ -113,8 +113,10 @@ TEST_CASE("a tracked object's label costs its share, and at full price it is no 
 
 TEST_CASE("the energy is that of its definition where objects are expected") {
   const RecordedEvents& events = faint_object();
-  const std::vector<TrackedObject> tracked{known_object(faint_motion, -0.04),
-                                           {Similarity{{700, -650, 0, 0}}, {{30, 30}, {34, 30}}, 0}};
+  std::vector<TrackedObject> tracked{known_object(faint_motion, -0.04),
+                                     {Similarity{{700, -650, 0, 0}}, {{30, 30}, {34, 30}}, 0}};
+  tracked[0].places.resize(16);  // of 64: some of its events are astray
+  const TrackedObject few_places = tracked[0];
   for (const Labelling labelling : {Labelling::bands, Labelling::exact}) {
     for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
       CAPTURE(name_of(labelling));
@@ -130,9 +132,11 @@ TEST_CASE("the energy is that of its definition where objects are expected") {
       REQUIRE(result.models.size() == 2);
       CHECK(share_found(result) > 0.8);
       CHECK(result.energy == written_out_energy(result, events, options, tracked, {no_object, 0}));
-      // Some events are astray, so that places are part of it.
-      options.lambda_place = 0;
+      // Places are part of it: of the object's label, and of the scene's where one of the two is expected.
+      CHECK(result.energy > written_out_energy(result, events, options, {tracked[0]}, {no_object, 0}));
+      tracked[0].places.clear();
       CHECK(result.energy > written_out_energy(result, events, options, tracked, {no_object, 0}));
+      tracked[0] = few_places;
     }
   }
 }
