@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "emseg/pixel_footprint.hpp"
+#include "emseg/model_pool.hpp"
 #include "emseg/sampling.hpp"
 #include "segmenter_windows.hpp"
 
@@ -225,6 +225,42 @@ TEST_CASE("a given pool takes the place of the search, a given time that of the 
   CHECK(params_of(result.models[0])[0] == 110);
   CHECK(params_of(result.models[1])[0] == -180);
   CHECK(result.energy == written_out_energy(result, events, options));
+}
+
+TEST_CASE("the pool is searched with the segmenter's own settings") {
+  const RecordedEvents& events = two_motions();
+  SegmenterOptions options = published_images(quiet_options());
+  options.lambda_data = 1.5;
+  options.lambda_label = 900;
+  options.bracket_row = 3;
+  options.axis_doubt = 40;
+  options.lambda_speed = 255;
+  PoolOptions by_hand;
+  by_hand.bracket_row = options.bracket_row;
+  by_hand.bracket_col = options.bracket_col;
+  by_hand.kinds = options.kinds;
+  by_hand.search.max_speed = options.bounds.speed;
+  by_hand.refine.bounds = options.bounds;
+  by_hand.refine.contrast = {ContrastMeasure::mean_square, options.sigma};
+  by_hand.lambda_data = options.lambda_data;
+  by_hand.lambda_label = *options.lambda_label;
+  by_hand.doubt = {.axis = options.axis_doubt, .speed = options.lambda_speed};
+  by_hand.sigma = options.sigma;
+  const Points points = make_points(events.view(), t_middle);
+  ThreadPool threads(2);
+  WindowPrior prior;
+  prior.t_ref = t_middle;
+  const auto of_pool_by_hand = [&] {
+    WindowPrior given = prior;
+    given.pool =
+        make_model_pool(points.view(), events.p, make_warp_frame(sensor), plane, by_hand, threads).models;
+    return segmented(events, options, given);
+  };
+  const Segmentation searched = segmented(events, options, prior);
+  CHECK(same(searched, of_pool_by_hand()));
+  // Speed makes a difference to what is searched, not to the labels alone.
+  by_hand.doubt.speed = 0;
+  CHECK(!same(searched, of_pool_by_hand()));
 }
 
 TEST_CASE("noise is marked where asked, and nothing else changes") {
