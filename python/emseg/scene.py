@@ -34,8 +34,8 @@ __all__ = [
     "ambiguity",
     "appearance",
     "choose_background",
-    "firmness",
     "find_parts",
+    "firmness",
     "motion_against",
     "moving_logits",
 ]
