@@ -14,7 +14,6 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ from emseg.tracking import Tracker
 
 Array = npt.NDArray[np.float64]
 WINDOWS = 10
-SLOWNESS = (0.0, 21.0)  # Config.lambda_speed: without it the grid feigns many motions, which then are told
 DISPLACEMENT = 8.0  # px of objects against the background, times .5 to 2
 
 
@@ -41,6 +39,7 @@ class Example:
     appearance: Array
     against: dict[int, Array]  # by part; -1 for none
     against_scene: Array | None  # against all that truly stands still
+    firm: Array
     areas: list[float]
     sizes: list[int]
     moving: npt.NDArray[np.bool_]
@@ -88,16 +87,11 @@ def examples_of(path: Path) -> list[Example]:
     """The examples of a recording, a window each."""
     data = dict(np.load(path))
     t, width, height = data["t"], int(data["width"]), int(data["height"])
-    segmenters = [
-        emseg.Segmenter(
-            width, height, config=emseg.Config(threads=1, background="widest", lambda_speed=slowness)
-        )
-        for slowness in SLOWNESS
-    ]
+    segmenter = emseg.Segmenter(width, height, config=emseg.Config(threads=1, background="widest"))
     tracker = Tracker(width, height)
     random = np.random.default_rng(sum(path.name.encode()))
     examples = []
-    for place, segmenter in product(np.linspace(0.06, 0.9, WINDOWS), segmenters):
+    for place in np.linspace(0.06, 0.9, WINDOWS):
         begin = t[0] + place * (t[-1] - t[0])
         duration = DISPLACEMENT / relative_speed(data, begin) * random.uniform(0.5, 2)
         first, last = np.searchsorted(t, [begin, begin + 1e6 * np.clip(duration, 0.01, 0.15)])
@@ -123,7 +117,8 @@ def examples_of(path: Path) -> list[Example]:
         scene_features = None
         if still:
             own = np.array([scene.appearance(part, window) for part in still])
-            flow = scene.still_motion(still, window, scene.ambiguity(own), scene.firmness(own))
+            firm = [scene.firmness(part, window) for part in still]
+            flow = scene.still_motion(still, window, scene.ambiguity(own), firm)
             largest = max(still, key=lambda p: p.area)
             scene_features = np.array([scene.motion_against(p, largest, window, flow) for p in parts])
         examples.append(
@@ -137,6 +132,7 @@ def examples_of(path: Path) -> list[Example]:
                     for b in [-1, *large]
                 },
                 scene_features,
+                np.array([scene.firmness(part, window) for part in parts]),
                 [part.area for part in parts],
                 [len(part.own) for part in parts],
                 moving,
@@ -184,7 +180,8 @@ def both_features(example: Example, classifier: scene.Perceptron) -> Array:
     """Of every part, by itself and against the background chosen."""
     large = [k for k in example.against if k >= 0]
     own = example.appearance[large]
-    chosen = scene.choose_background([example.areas[k] for k in large], own, classifier(own))
+    areas, firm = [example.areas[k] for k in large], example.firm[large]
+    chosen = scene.choose_background(areas, own, classifier(own), firm)
     return np.hstack([example.appearance, example.against[-1 if chosen is None else large[chosen]]])
 
 

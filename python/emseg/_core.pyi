@@ -329,7 +329,7 @@ class SegmenterOptions:
         lambda_data: typing.SupportsFloat | typing.SupportsIndex = 1.0,
         lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 24.0,
         lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
-        lambda_speed: typing.SupportsFloat | typing.SupportsIndex = 21.0,
+        lambda_speed: typing.SupportsFloat | typing.SupportsIndex = 15.0,
         axis_doubt: typing.SupportsFloat | typing.SupportsIndex = 20.0,
         polarity: str = "opposed",
         footprint: str = "scattered",

@@ -96,7 +96,7 @@ class Config:
         most=1e12,
     )
     lambda_speed: float = number(
-        21.0,
+        15.0,
         "Cost of an event by a motion, times log(1 + px over the window / 10): fast ones are sharp by chance",
         least=0,
         most=255,

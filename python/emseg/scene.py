@@ -45,7 +45,8 @@ MIN_EVENTS: Final = 30
 
 _SURELY_STILL: Final = -1.0  # logit
 _AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
-_FIRM: Final = 0.12  # nats an event that a firm motion loses by being off
+_STILL_PX: Final = 1.0  # over the window: what moves less lies still in the image
+_FIRM: Final = 0.05  # nats an event that what lies still loses by moving a little
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
@@ -59,6 +60,7 @@ _RING: Final = [(0.0, 0.0)] + [
     for radius in (_NEAR, _FAR)
     for angle in np.arange(8) * np.pi / 4
 ]
+_FAR_RING: Final = 9  # where the ring at _FAR begins
 
 Features = npt.NDArray[np.float64]
 
@@ -176,7 +178,7 @@ def still_motion(
     """
     events = window.events
     places, flows, weights, ways = [], [], [], []
-    for part, doubt, weight in zip(parts, ambiguous, firm, strict=True):
+    for part, doubt, trust in zip(parts, ambiguous, firm, strict=True):
         y, x = np.nonzero(part.tiles)
         at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
         at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
@@ -185,8 +187,8 @@ def still_motion(
         way = window.displacement(part.model, *part.centre)
         way = way / max(1e-6, float(np.linalg.norm(way)))
         ways.append(np.tile(np.eye(2) - 0.99 * doubt * np.outer(way, way), (len(at), 1, 1)))
-        weights.append(np.full(len(at), weight * (part.area + 1e-3) / len(at)))
-    flow, share, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
+        weights.append(np.full(len(at), trust * (part.area + 1e-3) / len(at)))
+    flow, weight, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
     r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
     f0 = max(events.width, events.height)
     one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
@@ -202,7 +204,7 @@ def still_motion(
     calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
     robust = np.ones(len(r))
     for _ in range(4):
-        scale = np.sqrt(share / share.sum() * robust)
+        scale = np.sqrt(weight / weight.sum() * robust)
         rows = np.concatenate([(terms * scale[:, None, None]).reshape(-1, 8), calm])
         values = np.concatenate([(flow * scale[:, None]).ravel(), np.zeros(8)])
         fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
@@ -223,7 +225,6 @@ def appearance(part: Part, window: Window) -> Features:
         + int(bottom > events.height - 1 - _BORDER)
     )
     (still,) = window.loss(window.sample(part), part.model, STILL, _RING[:1])
-    off = window.loss(window.sample(part), part.model, part.model, _RING[9:])
     along = window.displacement(part.model, *part.centre)
     speed = math.hypot(*along)
     # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
@@ -248,8 +249,6 @@ def appearance(part: Part, window: Window) -> Features:
             across,
             (1 - went) * (2 - across) * min(speed, 20.0) / 10,
             beyond,
-            float(np.mean(off)),
-            min(off),
         ],
         dtype=np.float64,
     )
@@ -342,16 +341,17 @@ def _perceptron(weights: dict[str, Any]) -> Perceptron:
     return Perceptron(**{name: np.array(v, dtype=np.float64) for name, v in weights.items()}, level=level)
 
 
-def choose_background(areas: Sequence[float], own: Features, logits: Features) -> int | None:
+def choose_background(areas: Sequence[float], own: Features, logits: Features, firm: Features) -> int | None:
     """Which part is largest, firmest, and surest to stand still by appearance; None where none is likely to.
 
     Args:
         areas: Of the parts.
         own: Their appearance, (n, features).
         logits: That they move, (n,).
+        firm: How firmly they hold to their motions, (n,).
     """
     still = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
-    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own)) * firmness(own)
+    score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own)) * firm
     score[(np.array(areas) < _LARGE) | (still < 0.25)] = 0
     return int(score.argmax()) if len(score) and score.max() > 0 else None
 
@@ -368,14 +368,16 @@ def ambiguity(own: Features) -> Features:
     return doubt
 
 
-def firmness(own: Features) -> Features:
-    """How far the events of parts hold to their motions, 0.1 to 1, (n,), by their appearance (n, features).
+def firmness(part: Part, window: Window) -> float:
+    """How firmly the events of a part hold to its motion, 0.01 to 1; 1 for all that moves in the image.
 
-    Noise and flicker lie where they lie: what gathers them explains them no better than a motion that is some
-    pixels off would.
+    Noise and flicker lie where they lie: standing still explains them, but no better than moving some pixels
+    would.  What gathers them says nothing of the camera's motion.
     """
-    firm: Features = np.clip(own[:, 15] / _FIRM, 0.1, 1.0)
-    return firm
+    if float(np.linalg.norm(window.displacement(part.model, *part.centre))) >= _STILL_PX:
+        return 1.0
+    lost = window.loss(window.sample(part), part.model, part.model, _RING[_FAR_RING:])
+    return min(1.0, max(0.1, float(np.mean(lost)) / _FIRM)) ** 2
 
 
 def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
@@ -388,7 +390,8 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
         return np.empty(0), None, STILL
     by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
-    chosen = choose_background([part.area for part in parts], own, by_appearance(own))
+    firm = np.array([firmness(part, window) for part in parts])
+    chosen = choose_background([part.area for part in parts], own, by_appearance(own), firm)
     if chosen is None:
         against = np.array([motion_against(part, None, window) for part in parts])
         return by_part(np.hstack([own, against])), None, STILL
@@ -396,7 +399,7 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
     against = np.array([motion_against(part, background, window) for part in parts])
     logits = by_part(np.hstack([own, against])) - _doubt(own)
     still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
-    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firmness(own[still]))
+    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still])
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     return by_scene(np.hstack([own, against])) - _doubt(own), background, reference
 

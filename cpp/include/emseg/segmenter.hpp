@@ -46,7 +46,7 @@ struct SegmenterOptions {
   double lambda_label_per_event = 0.25;
   double tracked_share = 0.5;  // of the cost of a label, that a tracked object's costs (WindowPrior)
   double lambda_place = 20;  // cost of an event of a tracked object's elsewhere, or of another's in its place
-  double lambda_speed = 21;  // cost of an event for every e-fold of its way (DoubtOptions::speed)
+  double lambda_speed = 15;  // cost of an event for every e-fold of its way (DoubtOptions::speed)
   double axis_doubt = 20;    // and in the pool's search by a motion along an axis (DoubtOptions::axis)
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
