@@ -211,10 +211,10 @@ def test_a_perceptron_by_hand() -> None:
     np.testing.assert_allclose(network(np.array([[3.0, 4.0], [1.0, 2.0]])), [expected, middle])
 
 
-def looks(*, speed: float = 0.0, went: float = 1.0, across: float = 2.0, lost: float = 1.0) -> np.ndarray:
-    """The appearance of a part as far as it matters here: px, share, px over the window, nats an event."""
-    features = np.zeros(17)
-    features[[7, 8, 12, 15]] = speed / 10, went, across, lost
+def looks(*, speed: float = 0.0, went: float = 1.0, across: float = 2.0) -> np.ndarray:
+    """The appearance of a part as far as its ambiguity goes: px, share, px over the window."""
+    features = np.zeros(15)
+    features[[7, 8, 12]] = speed / 10, went, across
     return features
 
 
@@ -261,63 +261,68 @@ def test_an_edge_that_stays_is_ambiguous_and_one_that_goes_is_not(
 
 @pytest.mark.parametrize(
     ("lost", "firm"),
-    [(-0.2, 0.1), (0.0, 0.1), (0.012, 0.1), (0.03, 0.25), (0.06, 0.5), (0.12, 1.0), (3.0, 1.0)],
+    [(-0.2, 0.01), (0.0, 0.01), (0.005, 0.01), (0.0125, 0.0625), (0.025, 0.25), (0.05, 1.0), (3.0, 1.0)],
 )
-def test_firmness_by_hand(lost: float, firm: float) -> None:
-    """Full from 0.12 nats an event on."""
-    own = np.array([looks(lost=lost), looks(lost=1.0), looks(lost=lost, speed=30.0, went=0.0)])
-    np.testing.assert_allclose(firmness(own), [firm, 1.0, firm])
-    assert firmness(own[:0]).shape == (0,)
-
-
-def test_appearance_holds_what_is_lost_by_motions_4_px_off() -> None:
+@pytest.mark.parametrize("speed", [0.0, 19.0], ids=["stands", "creeps"])
+def test_firmness_by_hand(speed: float, lost: float, firm: float) -> None:
+    """Of what goes less than a pixel: by the mean loss of motions 4 px off, full from 0.05 nats on."""
     events = events_at(np.full((50, 2), 30), size=(WIDTH, HEIGHT))
-    model = MotionModel("translation", (150.0, 40.0))
+    model = MotionModel("translation", (0.0, speed))
     (part,) = find_parts(events, [(np.arange(50), model)])
 
     def loss(
         own: EventArray, first: MotionModel, other: MotionModel, offsets: list[tuple[float, float]]
     ) -> list[float]:
-        assert (len(own), first) == (50, model)
-        if other == STILL:
-            return [7.0 for _ in offsets]
-        assert other == model
+        assert (len(own), first, other) == (50, model, model)
         np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 4.0)
         assert len({(round(x, 6), round(y, 6)) for x, y in offsets}) == 8
-        return [3.0 + x for x, _ in offsets]
+        return [lost + x for x, _ in offsets]  # which cancel
 
-    features = appearance(part, Window(events, 0.05, loss))
-    np.testing.assert_allclose(features[[6, 15, 16]], [7.0, 3.0, -1.0], atol=1e-9)
+    assert firmness(part, Window(events, 0.05, loss)) == pytest.approx(firm)
+
+
+@pytest.mark.parametrize("velocity", [(21.0, 0.0), (0.0, -21.0), (-600.0, 400.0)])
+def test_what_moves_in_the_image_is_firm(velocity: tuple[float, float]) -> None:
+    events = events_at(np.full((50, 2), 30), size=(WIDTH, HEIGHT))
+    (part,) = find_parts(events, [(np.arange(50), MotionModel("translation", velocity))])
+    assert firmness(part, Window(events, 0.05, no_loss)) == 1
+
+
+FIRM = np.ones(3)
 
 
 def test_the_background_is_large_and_likely_still() -> None:
     areas, own = [10 / ROWS, 4 / ROWS, 5 / 300], np.array([looks()] * 3)  # the last under 3 % of the view
-    assert choose_background(areas, own, np.array([-3.0, -3.0, -9.0])) == 0
-    assert choose_background(areas, own, np.array([0.9, -3.0, -9.0])) == 1  # .29 √10 < .95 √4
-    assert choose_background(areas, own, np.array([2.0, 3.0, -9.0])) is None  # neither likely stands still
-    assert choose_background([], np.empty((0, 17)), np.empty(0)) is None
+    assert choose_background(areas, own, np.array([-3.0, -3.0, -9.0]), FIRM) == 0
+    assert choose_background(areas, own, np.array([0.9, -3.0, -9.0]), FIRM) == 1  # .29 √10 < .95 √4
+    assert (
+        choose_background(areas, own, np.array([2.0, 3.0, -9.0]), FIRM) is None
+    )  # neither likely stands still
+    assert choose_background([], np.empty((0, 15)), np.empty(0), FIRM[:0]) is None
 
 
 def test_the_background_is_rather_not_ambiguous() -> None:
     surely = np.array([-3.0, -3.0])
-    assert choose_background([0.3, 0.2], np.array([looks(), looks()]), surely) == 0
-    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, looks()]), surely) == 1
-    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, AMBIGUOUS]), surely) == 0
-    assert choose_background([0.3], AMBIGUOUS[None], surely[:1]) == 0  # better than nothing
+    assert choose_background([0.3, 0.2], np.array([looks(), looks()]), surely, FIRM[:2]) == 0
+    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, looks()]), surely, FIRM[:2]) == 1
+    assert choose_background([0.3, 0.2], np.array([AMBIGUOUS, AMBIGUOUS]), surely, FIRM[:2]) == 0
+    assert choose_background([0.3], AMBIGUOUS[None], surely[:1], FIRM[:1]) == 0  # better than nothing
 
 
 def test_the_background_is_rather_firm() -> None:
-    surely = np.array([-3.0, -3.0])
-    assert choose_background([0.3, 0.2], np.array([looks(lost=0.03), looks(lost=0.2)]), surely) == 1
-    assert choose_background([0.3, 0.2], np.array([looks(lost=0.12), looks(lost=0.2)]), surely) == 0
-    assert choose_background([0.3, 0.2], np.array([looks(lost=0.0), looks(lost=0.0)]), surely) == 0
-    assert choose_background([0.3], looks(lost=0.0)[None], surely[:1]) == 0  # better than nothing
+    surely, own = np.array([-3.0, -3.0]), np.array([looks(), looks()])
+    assert choose_background([0.3, 0.2], own, surely, np.array([0.5, 1.0])) == 1
+    assert choose_background([0.3, 0.2], own, surely, np.array([0.9, 1.0])) == 0  # .9 √.3 > √.2
+    assert choose_background([0.3, 0.2], own, surely, np.array([0.01, 0.01])) == 0
+    assert choose_background([0.3], own[:1], surely[:1], np.array([0.01])) == 0  # better than nothing
 
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3))
 def test_any_logit_will_do(logits: list[float]) -> None:
-    chosen = choose_background([0.2, 0.4, 0.6], np.array([looks(), AMBIGUOUS, looks()]), np.array(logits))
+    chosen = choose_background(
+        [0.2, 0.4, 0.6], np.array([looks(), AMBIGUOUS, looks()]), np.array(logits), FIRM
+    )
     assert (chosen is None) == (min(logits) > np.log(3) + 1e-9)
 
 
@@ -352,11 +357,6 @@ def window_of(events: EventArray) -> Window:
     return Window(events, seconds, partial(segmenter.motion_losses, t_ref=25_000, duration=seconds))
 
 
-def own_appearance(events: EventArray, own: np.ndarray, model: MotionModel) -> np.ndarray:
-    (part,) = find_parts(events, [(own, model)])
-    return appearance(part, window_of(events))
-
-
 def judge(
     events: EventArray, groups: list[tuple[np.ndarray, MotionModel]]
 ) -> tuple[list[Part], np.ndarray, Part | None, MotionModel]:
@@ -375,23 +375,18 @@ def test_a_patch_moves_before_a_plane_that_stands_still() -> None:
     np.testing.assert_allclose(window.displacement(still, 160, 120), (7.5, 2.0), atol=0.1)
 
 
-def test_what_moves_is_firm_and_noise_is_not() -> None:
-    events, truth = plane_and_patch()
+def test_points_that_lie_still_are_firm_and_noise_is_not() -> None:
     rng = np.random.default_rng(4)
-    noise = EventArray(
-        rng.integers(0, WIDTH, len(events)),
-        rng.integers(0, HEIGHT, len(events)),
-        events.t,
-        events.p,
-        width=WIDTH,
-        height=HEIGHT,
-    )
-    motions = [MotionModel("translation", v, k) for k, v in enumerate([(150.0, 40.0), (-160.0, 170.0)])]
-    plane, patch = (own_appearance(events, np.flatnonzero(truth == k), motions[k]) for k in (0, 1))
-    stray = own_appearance(noise, np.arange(len(noise)), motions[0])
-    firm = firmness(np.array([plane, patch, stray]))
-    assert (firm[:2] > 0.7).all()
-    assert firm[2] < 0.3
+    t = np.sort(rng.integers(0, 50_000, 6000))
+    points = rng.uniform((0, 0), (WIDTH - 1, HEIGHT - 1), (300, 2))[rng.integers(0, 300, len(t))]
+    noise = rng.uniform((0, 0), (WIDTH - 1, HEIGHT - 1), (len(t), 2))
+    firm = []
+    for places in (points, noise):
+        events = events_at(places, t, size=(WIDTH, HEIGHT))
+        (part,) = find_parts(events, [(np.arange(len(t)), STILL)])
+        firm.append(firmness(part, window_of(events)))
+    assert firm[0] == 1
+    assert firm[1] < 0.1
 
 
 def test_a_part_of_the_plane_that_was_cut_off_stands_still() -> None:
