@@ -73,9 +73,16 @@ std::int32_t background_label(std::span<const LabelExtent> extents) {
   return best;
 }
 
+int company_radius(std::size_t events, Region plane) {
+  const double side =
+      std::sqrt(static_cast<double>(plane.area()) / static_cast<double>(std::max<std::size_t>(1, events)));
+  return side > 3 ? 2 : 1;
+}
+
 std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<const std::int32_t> labels,
                                              std::span<const MotionModel> models, const WarpFrame& frame,
-                                             Region plane, int company) {
+                                             Region plane, int company, int radius) {
+  const auto r = static_cast<std::size_t>(radius);
   std::vector<std::uint8_t> lonely(points.size(), 0);
   std::vector<std::vector<std::size_t>> members(models.size());
   for (std::size_t k = 0; k < points.size(); ++k) {
@@ -93,23 +100,24 @@ std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<
     y.resize(own.size());
     warp_points(own.view(), models[l], frame, x, y);
     const Region region = bounding_region(x, y, 1, canvas_of(plane));
-    const auto stride = static_cast<std::size_t>(region.width) + 2;
-    votes.assign(stride * (static_cast<std::size_t>(region.height) + 2), 0);
+    const auto stride = static_cast<std::size_t>(region.width) + 2 * r;
+    votes.assign(stride * (static_cast<std::size_t>(region.height) + 2 * r), 0);
     pixel.resize(own.size());
     for (std::size_t i = 0; i < own.size(); ++i) {
       const float u = x[i] - static_cast<float>(region.x0) + 0.5f;
       const float v = y[i] - static_cast<float>(region.y0) + 0.5f;
       const bool inside =
           u >= 0 && v >= 0 && u < static_cast<float>(region.width) && v < static_cast<float>(region.height);
-      pixel[i] = inside ? (static_cast<std::size_t>(v) + 1) * stride + static_cast<std::size_t>(u) + 1 : 0;
+      pixel[i] = inside ? (static_cast<std::size_t>(v) + r) * stride + static_cast<std::size_t>(u) + r : 0;
       if (inside) votes[pixel[i]] = static_cast<std::uint16_t>(votes[pixel[i]] + (votes[pixel[i]] < most));
     }
     for (std::size_t i = 0; i < own.size(); ++i) {
       if (pixel[i] == 0) continue;
       int near = -1;  // not itself
-      for (const std::uint16_t* row = votes.data() + pixel[i] - stride - 1;
-           row <= votes.data() + pixel[i] + stride; row += stride)
-        near += row[0] + row[1] + row[2];
+      const std::uint16_t* row = votes.data() + pixel[i] - r * stride - r;
+      for (std::size_t j = 0; j <= 2 * r; ++j, row += stride) {
+        for (std::size_t c = 0; c <= 2 * r; ++c) near += row[c];
+      }
       lonely[members[l][i]] = near < company;
     }
   }

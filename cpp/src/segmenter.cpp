@@ -288,8 +288,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
                                   gaussian_taps(options_.sigma));
   }
   if (options_.mark_noise) {
-    const auto lonely =
-        find_lonely_events(all_points.view(), result.labels, result.models, frame_, plane_, 1);
+    const auto lonely = find_lonely_events(all_points.view(), result.labels, result.models, frame_, plane_, 1,
+                                           company_radius(n, plane_));
     for (std::size_t k = 0; k < n; ++k) {
       if (lonely[k]) result.labels[k] = noise_label;
     }

@@ -100,8 +100,9 @@ TEST_CASE("lonely events are those that brute force finds") {
   const Region plane{0, 0, 48, 40};
   const std::vector<MotionModel> models{Translation{{120, -80}}, Similarity{{-60, 90, 0.4, 0.5}},
                                         Translation{{5000, 0}}};
-  for (const int company : {0, 1, 2, 4}) {
+  for (const auto [company, radius] : {std::pair{0, 1}, {1, 1}, {2, 1}, {4, 1}, {1, 2}, {3, 2}}) {
     CAPTURE(company);
+    CAPTURE(radius);
     std::mt19937 random(static_cast<std::uint32_t>(company));
     Points points;
     std::vector<std::int32_t> labels;
@@ -111,7 +112,7 @@ TEST_CASE("lonely events are those that brute force finds") {
       points.dt.push_back(static_cast<float>(uniform(random, -0.03, 0.03)));
       labels.push_back(static_cast<std::int32_t>(random() % 4) - 1);
     }
-    const auto lonely = find_lonely_events(points.view(), labels, models, frame, plane, company);
+    const auto lonely = find_lonely_events(points.view(), labels, models, frame, plane, company, radius);
     const Region canvas = canvas_of(plane);
     std::vector<long> x, y;
     for (std::size_t k = 0; k < points.size(); ++k) {
@@ -131,10 +132,19 @@ TEST_CASE("lonely events are those that brute force finds") {
       int near = 0;
       for (std::size_t other = 0; other < points.size(); ++other) {
         near += other != k && labels[other] == labels[k] && followed(other) &&
-                std::labs(x[other] - x[k]) <= 1 && std::labs(y[other] - y[k]) <= 1;
+                std::labs(x[other] - x[k]) <= radius && std::labs(y[other] - y[k]) <= radius;
       }
       CAPTURE(k);
       REQUIRE(static_cast<int>(lonely[k]) == (labels[k] >= 0 && followed(k) && near < company));
     }
   }
+}
+
+TEST_CASE("company is looked for further where events are few: one in nine pixels is the bound") {
+  const Region plane{-2, 3, 60, 30};
+  CHECK(company_radius(1800, plane) == 1);
+  CHECK(company_radius(200, plane) == 1);
+  CHECK(company_radius(199, plane) == 2);
+  CHECK(company_radius(1, plane) == 2);
+  CHECK(company_radius(0, plane) == 2);
 }

@@ -24,11 +24,15 @@ std::vector<LabelExtent> label_extents(const PointView& points, std::span<const 
 // objects make events.
 std::int32_t background_label(std::span<const LabelExtent> extents);
 
-// 1 for events with fewer than `company` other events of their label within 1 px (a 3 x 3 neighbourhood) at
-// t_ref. Events warped off the canvas are not followed: they keep nobody company, and are not judged
-// themselves.
+// How near an event's company is looked for, px: one, or two where fewer than one in nine pixels has an
+// event, since nobody would have company by chance within one.
+int company_radius(std::size_t events, Region plane);
+
+// 1 for events with fewer than `company` other events of their label within `radius` px (a square
+// neighbourhood) at t_ref. Events warped off the canvas are not followed: they keep nobody company, and are
+// not judged themselves.
 std::vector<std::uint8_t> find_lonely_events(const PointView& points, std::span<const std::int32_t> labels,
                                              std::span<const MotionModel> models, const WarpFrame& frame,
-                                             Region plane, int company);
+                                             Region plane, int company, int radius);
 
 }  // namespace emseg
