@@ -38,6 +38,7 @@ __all__ = [
     "firmness",
     "motion_against",
     "moving_logits",
+    "parallax_doubt",
 ]
 
 MIN_EVENTS: Final = 30
@@ -47,6 +48,8 @@ _SURELY_STILL: Final = -1.0  # logit
 _AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
 _STILL_PX: Final = 1.0  # over the window: what moves less lies still in the image
 _FIRM: Final = 0.05  # nats an event that what lies still loses by moving a little
+_SLOW: Final = 4.0  # px over the window that an object seen from a moving camera goes against the scene
+_SLOW_DOUBT: Final = 2.0  # logit of a part for every px below that
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
@@ -401,7 +404,18 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
     still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
     reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still])
     against = np.array([motion_against(part, background, window, reference) for part in parts])
-    return by_scene(np.hstack([own, against])) - _doubt(own), background, reference
+    logits = by_scene(np.hstack([own, against])) - _doubt(own) - parallax_doubt(against)
+    return logits, background, reference
+
+
+def parallax_doubt(against: Features) -> Features:
+    """Of parts that hardly move against the still scene, while the camera moves: parallax does no less.
+
+    Windows last until most objects have moved further.
+    """
+    apart, along = against[:, 3] * 10, against[:, 4] * 10
+    doubt: Features = _SLOW_DOUBT * np.maximum(0.0, _SLOW - apart) * np.minimum(1.0, along)
+    return doubt
 
 
 def _doubt(own: Features) -> Features:

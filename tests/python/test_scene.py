@@ -326,6 +326,15 @@ def test_any_logit_will_do(logits: list[float]) -> None:
     assert (chosen is None) == (min(logits) > np.log(3) + 1e-9)
 
 
+def test_parallax_is_doubted_as_far_as_the_camera_moves() -> None:
+    apart, along = np.array([0.0, 1.0, 3.0, 4.0, 9.0]), np.array([5.0, 5.0, 0.5, 5.0, 5.0])
+    against = np.zeros((5, 12))
+    against[:, 3], against[:, 4] = apart / 10, along / 10
+    assert np.allclose(parallax_doubt(against), [8, 6, 1, 0, 0])  # 2 for every px below 4
+    against[:, 4] = 0  # what moves before a camera that stands still is no parallax
+    assert not parallax_doubt(against).any()
+
+
 # Whole windows --------------------------------------------------------------------------------------------
 
 
