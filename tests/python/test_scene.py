@@ -22,6 +22,7 @@ from emseg.scene import (
     find_parts,
     firmness,
     moving_logits,
+    parallax_doubt,
     still_motion,
 )
 
