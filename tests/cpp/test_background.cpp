@@ -100,7 +100,7 @@ TEST_CASE("lonely events are those that brute force finds") {
   const Region plane{0, 0, 48, 40};
   const std::vector<MotionModel> models{Translation{{120, -80}}, Similarity{{-60, 90, 0.4, 0.5}},
                                         Translation{{5000, 0}}};
-  for (const auto [company, radius] : {std::pair{0, 1}, {1, 1}, {2, 1}, {4, 1}, {1, 2}, {3, 2}}) {
+  for (const auto& [company, radius] : {std::pair{0, 1}, {1, 1}, {2, 1}, {4, 1}, {1, 2}, {3, 2}}) {
     CAPTURE(company);
     CAPTURE(radius);
     std::mt19937 random(static_cast<std::uint32_t>(company));
