@@ -282,37 +282,33 @@ TEST_CASE("what is tracked is chosen, and so refitted, where its share of a labe
   CHECK(models_of(whole_pool_of(scene, options), 0).size() > 2);
 }
 
-TEST_CASE("a doubtful motion explains less") {
-  // Half of the view goes along the rows, as an edge along them would seem to.
-  const MotionModel along = Translation{{300, 0}}, aslant = Translation{{210, 210}};
-  const Scene scene = moving_dots({{Translation{{20, 30}}, {0, 0, 160, 70}, 150, 12},
-                                   {along, {30, 75, 60, 40}, 60, 12},
-                                   {aslant, {100, 75, 40, 40}, 60, 12}},
-                                  frame, 0.05, 2);
+// Half of the view, going slowly, above two smaller parts with motions of their own.
+Scene scene_above(const MotionModel& left, const MotionModel& right) {
+  return moving_dots({{Translation{{20, 30}}, {0, 0, 160, 70}, 150, 12},
+                      {left, {30, 75, 50, 40}, 60, 12},
+                      {right, {100, 75, 40, 40}, 60, 12}},
+                     frame, 0.05, 2);
+}
+
+// That the pool finds both motions, and with doubts the one still, the other no nearer than `gone` px.
+void check_doubt(const MotionModel& left, const MotionModel& right, double label_share,
+                 const DoubtOptions& doubt, std::size_t doubted, double gone) {
+  const Scene scene = scene_above(left, right);
   PoolOptions options;
-  options.lambda_label = 0.2 * static_cast<double>(scene.size());
+  options.lambda_label = label_share * static_cast<double>(scene.size());
   const auto trusting = pool_of(scene, options);
-  CHECK(nearest(trusting, along, scene, 1) < 1);
-  CHECK(nearest(trusting, aslant, scene, 2) < 1);
-  options.doubt.axis = 255;
+  CHECK(nearest(trusting, left, scene, 1) < 1);
+  CHECK(nearest(trusting, right, scene, 2) < 1);
+  options.doubt = doubt;
   const auto doubting = pool_of(scene, options);
-  CHECK(nearest(doubting, along, scene, 1) > 1);
-  CHECK(nearest(doubting, aslant, scene, 2) < 1);
+  CHECK(nearest(doubting, doubted == 1 ? right : left, scene, doubted == 1 ? 2 : 1) < 1);
+  CHECK(nearest(doubting, doubted == 1 ? left : right, scene, doubted) > gone);
+}
+
+TEST_CASE("a doubtful motion explains less: along the rows, as an edge along them would seem to go") {
+  check_doubt(Translation{{300, 0}}, Translation{{210, 210}}, 0.2, {.axis = 255}, 1, 1);
 }
 
 TEST_CASE("a fast motion explains less") {
-  const MotionModel slow = Translation{{60, 40}}, fast = Translation{{-420, 380}};
-  const Scene scene = moving_dots({{Translation{{20, 30}}, {0, 0, 160, 70}, 150, 12},
-                                   {slow, {30, 75, 50, 40}, 60, 12},
-                                   {fast, {100, 75, 40, 40}, 60, 12}},
-                                  frame, 0.05, 2);
-  PoolOptions options;
-  options.lambda_label = 0.1 * static_cast<double>(scene.size());
-  const auto trusting = pool_of(scene, options);
-  CHECK(nearest(trusting, slow, scene, 1) < 1);
-  CHECK(nearest(trusting, fast, scene, 2) < 1);
-  options.doubt.speed = 100;
-  const auto doubting = pool_of(scene, options);
-  CHECK(nearest(doubting, slow, scene, 1) < 1);
-  CHECK(nearest(doubting, fast, scene, 2) > 3);
+  check_doubt(Translation{{60, 40}}, Translation{{-420, 380}}, 0.1, {.speed = 100}, 2, 3);
 }

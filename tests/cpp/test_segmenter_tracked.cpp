@@ -141,6 +141,16 @@ TEST_CASE("the energy is that of its definition where objects are expected") {
   }
 }
 
+// The faint object, nearly whole and as it moves, whatever the number of threads.
+void check_found(const RecordedEvents& events, const SegmenterOptions& options, const WindowPrior& prior) {
+  const Segmentation result = segmented(events, options, prior);
+  check_sound(result, events.size());
+  REQUIRE(result.models.size() == 2);
+  CHECK(off(result.models[1], faint_motion, events) < 0.5);
+  CHECK(share_found(result) > 0.8);
+  check_alike_for_any_threads(result, options, prior);
+}
+
 TEST_CASE("an object is held by its place where its label would not pay otherwise") {
   const RecordedEvents& events = faint_object();
   SegmenterOptions options = dear_labels();
@@ -149,12 +159,7 @@ TEST_CASE("an object is held by its place where its label would not pay otherwis
   options.lambda_place = 0;
   CHECK(segmented(events, options, prior).models.size() == 1);
   options.lambda_place = 60;
-  const Segmentation result = segmented(events, options, prior);
-  check_sound(result, events.size());
-  REQUIRE(result.models.size() == 2);
-  CHECK(off(result.models[1], faint_motion, events) < 0.5);
-  CHECK(share_found(result) > 0.8);
-  check_alike_for_any_threads(result, options, prior);
+  check_found(events, options, prior);
 }
 
 TEST_CASE("an object that turned since it was seen is found by its place") {
@@ -165,12 +170,7 @@ TEST_CASE("an object that turned since it was seen is found by its place") {
   for (const double seen : {0.0, -0.04}) {
     CAPTURE(seen);
     const WindowPrior prior = known({scene_motion}, {known_object(before, seen)});
-    const Segmentation result = segmented(events, options, prior);
-    check_sound(result, events.size());
-    REQUIRE(result.models.size() == 2);
-    CHECK(off(result.models[1], faint_motion, events) < 0.5);
-    CHECK(share_found(result) > 0.8);
-    check_alike_for_any_threads(result, options, prior);
+    check_found(events, options, prior);
   }
 }
 
