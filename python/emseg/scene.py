@@ -25,6 +25,7 @@ from emseg import _core
 from emseg.camera import Camera
 from emseg.events import EventArray
 from emseg.motion import MotionModel, undistorted, warp_frame
+from emseg.rigid_motion import fit_rigid_motion, parallax_doubt_of_layers
 
 __all__ = [
     "MIN_EVENTS",
@@ -51,6 +52,9 @@ _FIRM: Final = 0.05  # nats an event that what lies still loses by moving a litt
 _SLOW: Final = 4.0  # px over the window that an object seen from a moving camera goes against the scene
 _SLOW_DOUBT: Final = 2.0  # logit of a part for every px below that
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
+_LAYER_EVENTS: Final = 100  # of a part whose flow says something of the camera's motion
+_LAYER_AREA: Final = 0.015  # share of the view from which on a part is a layer of its own
+_MOST_LAYERS: Final = 12
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
 
@@ -405,7 +409,41 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
     reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still])
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     logits = by_scene(np.hstack([own, against])) - _doubt(own) - parallax_doubt(against)
-    return logits, background, reference
+    return logits - layer_doubt(parts, window, chosen, firm * (1 - ambiguity(own)), logits), background, reference
+
+
+def layer_doubt(
+    parts: Sequence[Part], window: Window, background: int, firm: Features, logits: Features
+) -> Features:
+    """Of parts that one rigid motion of the camera explains together with layers of the still scene."""
+    doubt = np.zeros(len(parts))
+    sizes, areas = np.array([len(part.own) for part in parts]), np.array([part.area for part in parts])
+    used = np.flatnonzero((sizes >= _LAYER_EVENTS) & (firm > 0.1))
+    used = used[np.argsort(-areas[used], kind="stable")][:_MOST_LAYERS]
+    if len(used) < 3 or background not in used or logits.max() < _SURELY_STILL:
+        return doubt
+    events, camera = window.events, window.camera
+    places = np.stack([_some_places(parts[k]) for k in used])
+    flows = np.stack([window.displacements(parts[k].model, at) for k, at in zip(used, places, strict=True)])
+    if camera is None:
+        middle, focal_length = ((events.width - 1) / 2, (events.height - 1) / 2), float(max(events.width, events.height))
+    else:
+        places = undistorted(places.reshape(-1, 2), events, camera).reshape(places.shape)
+        middle, focal_length = (camera.cx, camera.cy), (camera.fx + camera.fy) / 2
+    motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas[used] + 1e-3) * firm[used], focal_length)
+    clear = (areas[used] >= _LAYER_AREA) & (firm[used] > 0.5)
+    doubt[used] = parallax_doubt_of_layers(motion, clear, int(np.flatnonzero(used == background)[0]))
+    return doubt
+
+
+def _some_places(part: Part) -> Features:
+    """Places (3, 2) in a part, px: of its tiles from the top to the bottom, or its middle."""
+    y, x = np.nonzero(part.tiles)
+    if not len(x):
+        return np.tile(part.centre, (3, 1))
+    some = np.linspace(0, len(x) - 1, 3).astype(np.intp)
+    places: Features = (np.column_stack([x[some], y[some]]) + 0.5) * _TILE
+    return places
 
 
 def parallax_doubt(against: Features) -> Features:
