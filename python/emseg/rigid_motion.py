@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["RigidMotion", "count_layers", "fit_rigid_motion", "parallax_doubt_of_layers"]
+__all__ = ["RigidMotion", "layers_of", "fit_rigid_motion", "parallax_doubt_of_layers"]
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +30,9 @@ _LAYER_SHARE: Final = 0.22  # and this share of their inverse depths
 _EXPLAINED: Final = 1.6  # standard deviations
 _SLOWEST_PX: Final = 1.2  # of the background: what hardly moves has no direction
 _MISFIT: Final = 0.8  # from which on nothing is learnt
-_DOUBT: Final = 6.0  # logit for every layer beyond the second
+_GAP: Final = 0.9  # between layers, and
+_NEARER: Final = 0.9  # beyond this of the background, as the logarithm of depth
+_DOUBT: Final = 10.0  # logit for every layer beyond the second
 
 
 @dataclass(frozen=True)
@@ -174,27 +176,39 @@ class _Fit:
         return found if found @ direction > 0 else -found
 
 
-def count_layers(depths: Array) -> int:
-    """How many of the inverse depths (n,), px, can be told apart."""
-    layers, last = 0, -np.inf
+def layers_of(depths: Array) -> Array:
+    """The inverse depths (l,) of the layers that those of some parts (n,), px, fall into, farthest first."""
+    layers: list[list[float]] = []
     for depth in sorted(depths.tolist()):
-        if depth - last > max(_LAYER_PX, _LAYER_SHARE * depth):
-            layers, last = layers + 1, depth
-    return layers
+        if layers and depth - layers[-1][0] <= max(_LAYER_PX, _LAYER_SHARE * depth):
+            layers[-1].append(depth)
+        else:
+            layers.append([depth])
+    return np.array([np.mean(layer) for layer in layers])
 
 
 def parallax_doubt_of_layers(motion: RigidMotion, clear: npt.NDArray[np.bool_], background: int) -> Array:
     """Logits to take from each of p parts that it moves: the likelier, the more layers one motion explains.
+
+    Less where a part would be much nearer than the background, or than any other layer: objects are.
 
     Args:
         motion: Of the camera.
         clear: Parts that are large and firm enough to be seen as a layer, (p,).
         background: The part that surely stands still.
     """
+    nothing = np.zeros(len(motion.depths))
     explained = motion.errors < _EXPLAINED
     if not (explained[background] and motion.depths[background] > _SLOWEST_PX):
-        return np.zeros(len(motion.depths))
-    layers = count_layers(motion.depths[explained & clear])
-    sure = min(max(0.0, layers - 2.0), 2.0) * min(1.0, max(0.0, (_MISFIT - motion.misfit) / _MISFIT))
-    doubt: Array = _DOUBT * sure * np.exp(-0.5 * motion.errors**2)
+        return nothing
+    layers = layers_of(motion.depths[explained & clear])
+    if len(layers) < 3 or motion.misfit >= _MISFIT:
+        return nothing
+    sure = min(len(layers) - 2, 2) * (1 - motion.misfit / _MISFIT)
+    depths = np.maximum(motion.depths, _SLOWEST_PX)
+    apart = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
+    apart[np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])] = np.inf
+    nearer = np.maximum(0, np.log(depths / depths[background]) - _NEARER)
+    strange = (motion.errors**2 + (np.min(apart, axis=1) / _GAP) ** 2 + (nearer / _GAP) ** 2) / 2
+    doubt: Array = _DOUBT * sure * np.exp(-strange)
     return doubt
