@@ -29,6 +29,7 @@ _LAYER_PX: Final = 1.5  # between layers
 _LAYER_SHARE: Final = 0.22  # and this share of their inverse depths
 _EXPLAINED: Final = 1.6  # standard deviations
 _SLOWEST_PX: Final = 1.2  # of the background: what hardly moves has no direction
+_AHEAD: Final = 0.7  # of a unit of translation: surely not to the side
 _MISFIT: Final = 0.8  # from which on nothing is learnt
 _GAP: Final = 0.9  # between layers, and
 _NEARER: Final = 0.9  # beyond this of the background, as the logarithm of depth
@@ -202,9 +203,11 @@ def parallax_doubt_of_layers(motion: RigidMotion, clear: npt.NDArray[np.bool_], 
     if not (explained[background] and motion.depths[background] > _SLOWEST_PX):
         return nothing
     layers = layers_of(motion.depths[explained & clear])
-    if len(layers) < 3 or motion.misfit >= _MISFIT:
+    # Any two parts lie in layers of a motion to the side, any three in layers of one ahead.
+    free = 2 + min(1.0, float(motion.direction[2] / _AHEAD) ** 2)
+    if len(layers) <= free or motion.misfit >= _MISFIT:
         return nothing
-    sure = min(len(layers) - 2, 2) * (1 - motion.misfit / _MISFIT)
+    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT)
     depths = np.maximum(motion.depths, _SLOWEST_PX)
     apart = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
     apart[np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])] = np.inf

@@ -55,6 +55,8 @@ _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 _LAYER_EVENTS: Final = 100  # of a part whose flow says something of the camera's motion
 _LAYER_AREA: Final = 0.015  # share of the view from which on a part is a layer of its own
 _MOST_LAYERS: Final = 12
+_STRANGE: Final = 2.5  # standard deviations that no motion of the camera explains
+_COMPANY: Final = 2.0
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
 
@@ -433,7 +435,20 @@ def layer_doubt(
     motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas[used] + 1e-3) * firm[used], focal_length)
     clear = (areas[used] >= _LAYER_AREA) & (firm[used] > 0.5)
     doubt[used] = parallax_doubt_of_layers(motion, clear, int(np.flatnonzero(used == background)[0]))
+    strange = used[(motion.errors > _STRANGE) & (logits[used] > 0)]
+    for k in np.flatnonzero(doubt > 0):
+        company = sum(parts[m].area for m in strange if m != k and _touch(parts[k], parts[m]))
+        doubt[k] *= parts[k].area / (parts[k].area + _COMPANY * company + 1e-9)
     return doubt
+
+
+def _touch(a: Part, b: Part) -> bool:
+    grown = b.tiles.copy()
+    grown[1:] |= b.tiles[:-1]
+    grown[:-1] |= b.tiles[1:]
+    grown[:, 1:] |= b.tiles[:, :-1]
+    grown[:, :-1] |= b.tiles[:, 1:]
+    return bool((a.tiles & grown).any())
 
 
 def _some_places(part: Part) -> Features:
