@@ -30,10 +30,11 @@ _LAYER_SHARE: Final = 0.22  # and this share of their inverse depths
 _EXPLAINED: Final = 1.6  # standard deviations
 _SLOWEST_PX: Final = 1.2  # of the background: what hardly moves has no direction
 _AHEAD: Final = 0.7  # of a unit of translation: surely not to the side
+_FILLED: Final = 0.2  # share of the view that layers before the background fill
 _MISFIT: Final = 0.8  # from which on nothing is learnt
 _GAP: Final = 0.9  # between layers, and
 _NEARER: Final = 0.9  # beyond this of the background, as the logarithm of depth
-_DOUBT: Final = 10.0  # logit for every layer beyond the second
+_DOUBT: Final = 8.0  # logit for every layer beyond the second
 
 
 @dataclass(frozen=True)
@@ -188,13 +189,14 @@ def layers_of(depths: Array) -> Array:
     return np.array([np.mean(layer) for layer in layers])
 
 
-def parallax_doubt_of_layers(motion: RigidMotion, clear: npt.NDArray[np.bool_], background: int) -> Array:
+def parallax_doubt_of_layers(motion: RigidMotion, areas: Array, clear: npt.NDArray[np.bool_], background: int) -> Array:
     """Logits to take from each of p parts that it moves: the likelier, the more layers one motion explains.
 
     Less where a part would be much nearer than the background, or than any other layer: objects are.
 
     Args:
         motion: Of the camera.
+        areas: Of the parts, shares of the view (p,).
         clear: Parts that are large and firm enough to be seen as a layer, (p,).
         background: The part that surely stands still.
     """
@@ -207,7 +209,8 @@ def parallax_doubt_of_layers(motion: RigidMotion, clear: npt.NDArray[np.bool_], 
     free = 2 + min(1.0, float(motion.direction[2] / _AHEAD) ** 2)
     if len(layers) <= free or motion.misfit >= _MISFIT:
         return nothing
-    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT)
+    filled = float(areas[explained & clear].sum() - areas[background])
+    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT) * min(1.0, max(0, filled) / _FILLED)
     depths = np.maximum(motion.depths, _SLOWEST_PX)
     apart = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
     apart[np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])] = np.inf

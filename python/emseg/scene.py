@@ -434,7 +434,7 @@ def layer_doubt(
         middle, focal_length = (camera.cx, camera.cy), (camera.fx + camera.fy) / 2
     motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas[used] + 1e-3) * firm[used], focal_length)
     clear = (areas[used] >= _LAYER_AREA) & (firm[used] > 0.5)
-    doubt[used] = parallax_doubt_of_layers(motion, clear, int(np.flatnonzero(used == background)[0]))
+    doubt[used] = parallax_doubt_of_layers(motion, areas[used], clear, int(np.flatnonzero(used == background)[0]))
     strange = used[(motion.errors > _STRANGE) & (logits[used] > 0)]
     for k in np.flatnonzero(doubt > 0):
         company = sum(parts[m].area for m in strange if m != k and _touch(parts[k], parts[m]))
