@@ -16,14 +16,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["RigidMotion", "layers_of", "fit_rigid_motion", "parallax_doubt_of_layers"]
+__all__ = ["RigidMotion", "doubt_of_layers", "fit_rigid_motion", "layers_of"]
 
 Array = npt.NDArray[np.float64]
 
 _NOISE_PX: Final = 0.7  # of a displacement
 _NOISE_SHARE: Final = 0.08  # and this share of it
 _TURN_PX: Final = 2.6  # rotation that is expected, as a displacement; a hand's is larger, and hides parallax
-_ROUNDS: Final = 2
+_NO_LENGTH: Final = 1e-9
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of three axes, for a cross product
+_TRIED: Final = 6  # parts by which directions are guessed
 
 _LAYER_PX: Final = 1.5  # between layers
 _LAYER_SHARE: Final = 0.22  # and this share of their inverse depths
@@ -32,8 +34,8 @@ _SLOWEST_PX: Final = 1.2  # of the background: what hardly moves has no directio
 _AHEAD: Final = 0.7  # of a unit of translation: surely not to the side
 _FILLED: Final = 0.2  # share of the view that layers before the background fill
 _MISFIT: Final = 0.8  # from which on nothing is learnt
-_GAP: Final = 0.9  # between layers, and
-_NEARER: Final = 0.9  # beyond this of the background, as the logarithm of depth
+_NEARER: Final = 0.9  # logarithm of depth against the background's, from which on it is strange
+_SPREAD: Final = 0.9  # standard deviation of such logarithms, between layers and beyond that
 _DOUBT: Final = 8.0  # logit for every layer beyond the second
 
 
@@ -77,36 +79,35 @@ def fit_rigid_motion(places: Array, flows: Array, weights: Array, focal_length: 
         raise ValueError("places has no parts, expected at least one")
     points, moves = places.reshape(-1, 2), flows.reshape(-1, 2)
     fit = _Fit(points, moves, np.repeat(weights / (weights.sum() * samples), samples), focal_length)
-    tried = fit(_directions(places.mean(axis=1), flows.mean(axis=1), focal_length))
+    some = np.argsort(-weights, kind="stable")[:_TRIED]
+    tried = fit(_directions(places[some].mean(axis=1), flows[some].mean(axis=1), focal_length))
     best = int(tried.misfit.argmin())
-    direction = tried.direction[best]
-    found = tried
-    for _ in range(_ROUNDS):
-        direction = fit.refined(direction, found.rotation[best], found.robust[best])
-        found, before = fit(direction[None]), found
-        if found.misfit[0] >= before.misfit[best]:
-            found = before
-            break
-        best = 0
-    depths, errors = found.depth[best].reshape(parts, samples), found.error[best].reshape(parts, samples)
+    refined = fit(fit.refined(tried.direction[best], tried.rotation[best], tried.robust[best])[None])
+    found, best = (refined, 0) if refined.misfit[0] < tried.misfit[best] else (tried, best)
     return RigidMotion(
         found.direction[best],
         found.rotation[best],
-        depths.mean(axis=1),
-        np.sqrt((errors**2).mean(axis=1)),
+        found.depth[best].reshape(parts, samples).mean(axis=1),
+        np.sqrt(found.error[best].reshape(parts, samples).mean(axis=1)),
         float(found.misfit[best]),
     )
 
 
 def _directions(places: Array, flows: Array, focal_length: float) -> Array:
-    """Directions (m, 3) by which a part's flow is a translation to the side, or two parts' flows are one's."""
-    ones, zeros = np.full(len(places), focal_length), np.zeros(len(places))
-    planes = np.cross(np.column_stack([places, ones]), np.column_stack([flows, zeros]))
-    first, second = np.triu_indices(len(places), 1)
-    found = np.concatenate([np.column_stack([-flows, zeros]), np.cross(planes[first], planes[second])])
-    length = np.linalg.norm(found, axis=1)
-    found = found[length > 1e-9] / length[length > 1e-9, None]
+    """Directions (m, 3) by which a part moves if the camera moves to the side, or two parts if ahead."""
+    planes = _planes(places / focal_length, flows)
+    first, second = (planes[at] for at in np.triu_indices(len(places), 1))
+    both = first[:, _NEXT] * second[:, _LAST] - first[:, _LAST] * second[:, _NEXT]
+    found = np.concatenate([np.column_stack([-flows, np.zeros(len(flows))]), both])
+    length = np.sqrt((found * found).sum(axis=1))
+    found = found[length > _NO_LENGTH] / length[length > _NO_LENGTH, None]
     return found if len(found) else np.array([[1.0, 0.0, 0.0]])
+
+
+def _planes(rays: Array, flows: Array) -> Array:
+    """Normals (n, 3) of the planes through the rays (n, 2), at depth 1, and where flows (n, 2) take them."""
+    (x, y), (right, down) = rays.T, flows.T
+    return np.column_stack([-down, right, x * down - y * right])
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class _Tried:
     direction: Array  # (m, 3)
     rotation: Array  # (m, 3)
     depth: Array  # (m, n)
-    error: Array  # (m, n)
+    error: Array  # (m, n), squared
     robust: Array  # (m, n)
     misfit: Array  # (m,)
 
@@ -132,11 +133,9 @@ class _Fit:
     """
 
     def __init__(self, points: Array, flows: Array, weights: Array, focal_length: float) -> None:
-        x, y = points.T / focal_length
-        self._x, self._y, self._flows, self._focal_length = x, y, flows, focal_length
-        self._turns = np.stack(
-            [np.stack([x * y, -1 - x * x, y], axis=-1), np.stack([1 + y * y, -x * y, -x], axis=-1)], axis=1
-        )  # (n, 2, 3)
+        self._rays, self._flows = points / focal_length, flows
+        self._x, self._y = x, y = self._rays.T
+        self._turns = np.array([[x * y, -1 - x * x, y], [1 + y * y, -x * y, -x]]).swapaxes(1, 2)  # (2, n, 3)
         self._weights = weights
         self._noise = np.hypot(_NOISE_PX, _NOISE_SHARE * np.hypot(*flows.T))
         # Rolling turns no place further from the axis than others, by as many px.
@@ -145,35 +144,34 @@ class _Fit:
     def __call__(self, directions: Array) -> _Tried:
         """Fit with each of the directions (m, 3), of either sign."""
         right, down, ahead = directions.T[..., None]
-        lines = np.stack([self._x * ahead - right, self._y * ahead - down], axis=-1)  # (m, n, 2)
-        reach = np.hypot(lines[..., 0], lines[..., 1]) + 1e-3
-        along = lines / reach[..., None]
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        aside = (across * self._flows).sum(axis=-1)
-        turned = np.einsum("mni,nij->mnj", across, self._turns)
-        robust = np.ones_like(aside)
+        x, y = self._x * ahead - right, self._y * ahead - down  # (m, n)
+        reach = np.sqrt(x * x + y * y) + 1e-3
+        x, y = x / reach, y / reach
+        (flow_x, flow_y), (turn_x, turn_y) = self._flows.T, self._turns
+        went_along, went_aside = x * flow_x + y * flow_y, x * flow_y - y * flow_x
+        turned_along = x[..., None] * turn_x + y[..., None] * turn_y  # (m, n, 3)
+        turned_aside = x[..., None] * turn_y - y[..., None] * turn_x
+        scale = np.broadcast_to(self._weights / self._noise**2, x.shape)
+        robust = np.ones(1)
         for _ in range(2):
-            scale = self._weights * robust / self._noise**2
-            scaled = turned * scale[..., None]
-            normal = scaled.transpose(0, 2, 1) @ turned + self._calm
-            rotation = np.linalg.solve(normal, (scaled * aside[..., None]).sum(axis=1)[..., None])[..., 0]
-            rest = self._flows - np.einsum("nij,mj->mni", self._turns, rotation)
-            forth = (along * rest).sum(axis=-1)
-            sign = np.where((forth * self._weights * robust).sum(axis=-1) < 0, -1.0, 1.0)
-            depth = forth * sign[:, None] / reach
-            error = np.hypot((across * rest).sum(axis=-1), np.minimum(forth * sign[:, None], 0)) / self._noise
-            robust = 1 / (1 + error**2 / 4)
-        turn = 0.5 * np.einsum("mj,jk,mk->m", rotation, self._calm, rotation)
-        misfit = (self._weights * np.log1p(error**2 / 4)).sum(axis=-1) + turn
-        return _Tried(directions * sign[:, None], rotation, depth, error, robust, misfit)
+            scaled = turned_aside * (scale * robust)[..., None]
+            normal = scaled.transpose(0, 2, 1) @ turned_aside + self._calm
+            rotation = np.linalg.solve(normal, scaled.transpose(0, 2, 1) @ went_aside[..., None])
+            forth = went_along - (turned_along @ rotation)[..., 0]
+            sign = np.where((forth * scale * robust).sum(axis=-1) < 0, -1.0, 1.0)
+            forth *= sign[:, None]
+            aside, back = went_aside - (turned_aside @ rotation)[..., 0], np.minimum(forth, 0)
+            error = (aside * aside + back * back) / self._noise**2
+            robust = 1 / (1 + error / 4)
+        rotation = rotation[..., 0]
+        misfit = np.log1p(error / 4) @ self._weights + 0.5 * ((rotation @ self._calm) * rotation).sum(axis=-1)
+        return _Tried(directions * sign[:, None], rotation, forth / reach, error, robust, misfit)
 
     def refined(self, direction: Array, rotation: Array, robust: Array) -> Array:
         """The direction (3,) nearest to all planes through a ray and where it goes when not turned."""
-        rest = self._flows - self._turns @ rotation
-        rays = np.column_stack([self._x, self._y, np.ones_like(self._x)])
-        planes = np.cross(rays, np.column_stack([rest, np.zeros(len(rest))]))
+        planes = _planes(self._rays, self._flows - (self._turns @ rotation).T)
         reach = np.hypot(self._x * direction[2] - direction[0], self._y * direction[2] - direction[1]) + 1e-3
-        planes *= np.sqrt(self._weights * robust)[:, None] / (self._noise * reach)[:, None]
+        planes *= (np.sqrt(self._weights * robust) / (self._noise * reach))[:, None]
         found: Array = np.linalg.eigh(planes.T @ planes)[1][:, 0]
         return found if found @ direction > 0 else -found
 
@@ -186,35 +184,38 @@ def layers_of(depths: Array) -> Array:
             layers[-1].append(depth)
         else:
             layers.append([depth])
-    return np.array([np.mean(layer) for layer in layers])
+    return np.array([sum(layer) / len(layer) for layer in layers])
 
 
-def parallax_doubt_of_layers(motion: RigidMotion, areas: Array, clear: npt.NDArray[np.bool_], background: int) -> Array:
-    """Logits to take from each of p parts that it moves: the likelier, the more layers one motion explains.
+def doubt_of_layers(
+    motion: RigidMotion, areas: Array, *, clear: npt.NDArray[np.bool_], background: int
+) -> Array:
+    """Logits (p,) to take from parts that they move, for what the camera's motion explains of them.
 
-    Less where a part would be much nearer than the background, or than any other layer: objects are.
+    The more layers it explains and the more of the view they fill, the surer; less where a part would be much
+    nearer than the background or than any other layer, as objects may seem.
 
     Args:
         motion: Of the camera.
         areas: Of the parts, shares of the view (p,).
-        clear: Parts that are large and firm enough to be seen as a layer, (p,).
+        clear: Which parts are large and firm enough to be a layer by themselves, (p,).
         background: The part that surely stands still.
     """
-    nothing = np.zeros(len(motion.depths))
+    nothing = np.zeros(len(areas))
     explained = motion.errors < _EXPLAINED
     if not (explained[background] and motion.depths[background] > _SLOWEST_PX):
         return nothing
     layers = layers_of(motion.depths[explained & clear])
-    # Any two parts lie in layers of a motion to the side, any three in layers of one ahead.
+    # Any two parts lie in layers of some motion to the side, any three in layers of one ahead.
     free = 2 + min(1.0, float(motion.direction[2] / _AHEAD) ** 2)
     if len(layers) <= free or motion.misfit >= _MISFIT:
         return nothing
-    filled = float(areas[explained & clear].sum() - areas[background])
-    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT) * min(1.0, max(0, filled) / _FILLED)
+    filled = max(0.0, float(areas[explained & clear].sum() - areas[background]))
+    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT) * min(1.0, filled / _FILLED)
     depths = np.maximum(motion.depths, _SLOWEST_PX)
-    apart = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
-    apart[np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])] = np.inf
+    gaps = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
+    own = np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])
+    gap = np.where(own, np.inf, gaps).min(axis=1)
     nearer = np.maximum(0, np.log(depths / depths[background]) - _NEARER)
-    strange = (motion.errors**2 + (np.min(apart, axis=1) / _GAP) ** 2 + (nearer / _GAP) ** 2) / 2
-    doubt: Array = _DOUBT * sure * np.exp(-strange)
+    doubt: Array = _DOUBT * sure * np.exp(-(motion.errors**2 + (gap**2 + nearer**2) / _SPREAD**2) / 2)
     return doubt

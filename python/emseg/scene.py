@@ -25,7 +25,7 @@ from emseg import _core
 from emseg.camera import Camera
 from emseg.events import EventArray
 from emseg.motion import MotionModel, undistorted, warp_frame
-from emseg.rigid_motion import fit_rigid_motion, parallax_doubt_of_layers
+from emseg.rigid_motion import doubt_of_layers, fit_rigid_motion, layers_of
 
 __all__ = [
     "MIN_EVENTS",
@@ -37,6 +37,7 @@ __all__ = [
     "choose_background",
     "find_parts",
     "firmness",
+    "layer_doubt",
     "motion_against",
     "moving_logits",
     "parallax_doubt",
@@ -54,9 +55,9 @@ _SLOW_DOUBT: Final = 2.0  # logit of a part for every px below that
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
 _LAYER_EVENTS: Final = 100  # of a part whose flow says something of the camera's motion
 _LAYER_AREA: Final = 0.015  # share of the view from which on a part is a layer of its own
-_MOST_LAYERS: Final = 12
+_MOST_LAYERS: Final = 12  # parts that the camera's motion is taken from
 _STRANGE: Final = 2.5  # standard deviations that no motion of the camera explains
-_COMPANY: Final = 2.0
+_COMPANY: Final = 2.0  # how much the area of what is strange counts against that of what it touches
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
 
@@ -113,6 +114,15 @@ class Part:
         """Of the box, px."""
         left, top, right, bottom = self.box
         return (left + right) / 2, (top + bottom) / 2
+
+    def touches(self, other: Part) -> bool:
+        """Whether tiles of the two are the same or side by side."""
+        grown = other.tiles.copy()
+        grown[1:] |= other.tiles[:-1]
+        grown[:-1] |= other.tiles[1:]
+        grown[:, 1:] |= other.tiles[:, :-1]
+        grown[:, :-1] |= other.tiles[:, 1:]
+        return bool((self.tiles & grown).any())
 
 
 def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], MotionModel]]) -> list[Part]:
@@ -411,44 +421,50 @@ def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part
     reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still])
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     logits = by_scene(np.hstack([own, against])) - _doubt(own) - parallax_doubt(against)
-    return logits - layer_doubt(parts, window, chosen, firm * (1 - ambiguity(own)), logits), background, reference
+    logits -= layer_doubt(parts, window, chosen, firm * (1 - ambiguity(own)), logits)
+    return logits, background, reference
 
 
 def layer_doubt(
     parts: Sequence[Part], window: Window, background: int, firm: Features, logits: Features
 ) -> Features:
-    """Of parts that one rigid motion of the camera explains together with layers of the still scene."""
+    """Of parts that one rigid motion of the camera explains together with other layers of the still scene.
+
+    Args:
+        parts: Of the window.
+        window: What they are parts of.
+        background: Which of them surely stands still.
+        firm: How firmly they hold to their motions, 0 where these are ambiguous, (n,).
+        logits: That they move, without this doubt, (n,).
+    """
     doubt = np.zeros(len(parts))
-    sizes, areas = np.array([len(part.own) for part in parts]), np.array([part.area for part in parts])
-    used = np.flatnonzero((sizes >= _LAYER_EVENTS) & (firm > 0.1))
-    used = used[np.argsort(-areas[used], kind="stable")][:_MOST_LAYERS]
-    if len(used) < 3 or background not in used or logits.max() < _SURELY_STILL:
+    known = [k for k, part in enumerate(parts) if len(part.own) >= _LAYER_EVENTS and firm[k] > 0.1]
+    used = sorted(known, key=lambda k: -parts[k].area)[:_MOST_LAYERS]
+    areas = np.array([parts[k].area for k in used])
+    clear = (areas >= _LAYER_AREA) & (firm[used] > 0.5)
+    if clear.sum() < 3 or background not in used or np.delete(logits, background).max() < _SURELY_STILL:
+        return doubt
+    places: Features = np.stack([_some_places(parts[k]) for k in used])
+    flows = np.stack([window.displacements(parts[k].model, at) for k, at in zip(used, places, strict=True)])
+    if len(layers_of(np.hypot(*flows.mean(axis=1).T))) < 3:
         return doubt
     events, camera = window.events, window.camera
-    places = np.stack([_some_places(parts[k]) for k in used])
-    flows = np.stack([window.displacements(parts[k].model, at) for k, at in zip(used, places, strict=True)])
     if camera is None:
-        middle, focal_length = ((events.width - 1) / 2, (events.height - 1) / 2), float(max(events.width, events.height))
+        middle = ((events.width - 1) / 2, (events.height - 1) / 2)
+        focal_length = float(max(events.width, events.height))
     else:
         places = undistorted(places.reshape(-1, 2), events, camera).reshape(places.shape)
         middle, focal_length = (camera.cx, camera.cy), (camera.fx + camera.fy) / 2
-    motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas[used] + 1e-3) * firm[used], focal_length)
-    clear = (areas[used] >= _LAYER_AREA) & (firm[used] > 0.5)
-    doubt[used] = parallax_doubt_of_layers(motion, areas[used], clear, int(np.flatnonzero(used == background)[0]))
-    strange = used[(motion.errors > _STRANGE) & (logits[used] > 0)]
-    for k in np.flatnonzero(doubt > 0):
-        company = sum(parts[m].area for m in strange if m != k and _touch(parts[k], parts[m]))
+    motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas + 1e-3) * firm[used], focal_length)
+    doubt[used] = doubt_of_layers(motion, areas, clear=clear, background=used.index(background))
+    # Limbs of a body that partly moves as the camera would have it belong with the others.
+    strange = [
+        parts[k] for k, error in zip(used, motion.errors, strict=True) if error > _STRANGE and logits[k] > 0
+    ]
+    for k in used:
+        company = sum(part.area for part in strange if part is not parts[k] and part.touches(parts[k]))
         doubt[k] *= parts[k].area / (parts[k].area + _COMPANY * company + 1e-9)
     return doubt
-
-
-def _touch(a: Part, b: Part) -> bool:
-    grown = b.tiles.copy()
-    grown[1:] |= b.tiles[:-1]
-    grown[:-1] |= b.tiles[1:]
-    grown[:, 1:] |= b.tiles[:, :-1]
-    grown[:, :-1] |= b.tiles[:, 1:]
-    return bool((a.tiles & grown).any())
 
 
 def _some_places(part: Part) -> Features:
@@ -457,8 +473,7 @@ def _some_places(part: Part) -> Features:
     if not len(x):
         return np.tile(part.centre, (3, 1))
     some = np.linspace(0, len(x) - 1, 3).astype(np.intp)
-    places: Features = (np.column_stack([x[some], y[some]]) + 0.5) * _TILE
-    return places
+    return (np.column_stack([x[some], y[some]]).astype(np.float64) + 0.5) * _TILE
 
 
 def parallax_doubt(against: Features) -> Features:

@@ -369,12 +369,7 @@ def _paint(
 
 def _one_body(a: Part, flow_a: npt.NDArray[np.float64], b: Part, flow_b: npt.NDArray[np.float64]) -> bool:
     """Whether two moving parts are limbs of one body: they touch and go the same way at like speeds."""
-    grown = b.tiles.copy()
-    grown[1:] |= b.tiles[:-1]
-    grown[:-1] |= b.tiles[1:]
-    grown[:, 1:] |= b.tiles[:, :-1]
-    grown[:, :-1] |= b.tiles[:, 1:]
-    if not (a.tiles & grown).any():
+    if not a.touches(b):
         return False
     speeds = float(np.linalg.norm(flow_a)), float(np.linalg.norm(flow_b))
     slow, fast = min(speeds), max(speeds)
