@@ -1,9 +1,9 @@
 """One rigid motion of the camera past a still scene in layers, from the flows of the parts of a window.
 
 What stands still moves, at the place x of the image, by rotation(x) + rho * translation(x): the rotation and
-the direction of the translation are the same for all, the inverse depth rho >= 0 is each part's own.  So all
-that stands still goes along the lines through one point of the image, at whatever speed: what lies in three
-layers or more has little chance of doing so by moving itself.
+the direction of the translation are the same for all, the inverse depth rho >= 0 is each part's own.  But for
+the rotation, all that stands still goes along the lines through one point of the image, at whatever speed.  An
+object may do so by chance; that parts of three speeds or more do is likelier to be the camera's doing.
 
 Source: Longuet-Higgins & Prazdny, "The interpretation of a moving retinal image", Proc. R. Soc. B 208, 1980.
 """
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 _NOISE_PX: Final = 0.7  # of a displacement
 _NOISE_SHARE: Final = 0.08  # and this share of it
-_TURN_PX: Final = 2.6  # rotation that is expected, as a displacement; a hand's is larger, and hides parallax
+_TURN_PX: Final = 2.6  # rotation that is expected, as a displacement: with any, all flows could be parallax
 _NO_LENGTH: Final = 1e-9
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of three axes, for a cross product
 _TRIED: Final = 6  # parts by which directions are guessed
@@ -45,7 +45,7 @@ class RigidMotion:
 
     Attributes:
         direction: Of the camera's translation, unit vector (3,): right, down, ahead.
-        rotation: Of the scene about these axes, as displacements, px: radians times the focal length (3,).
+        rotation: Of the camera about these axes, as displacements, px: radians times the focal length (3,).
         depths: Inverse depths (p,), as displacements, px: translation times focal length by depth; negative
             where a part goes the wrong way.
         errors: What the motion leaves unexplained of each part's flow, in its standard deviations, (p,).
@@ -210,8 +210,9 @@ def doubt_of_layers(
     free = 2 + min(1.0, float(motion.direction[2] / _AHEAD) ** 2)
     if len(layers) <= free or motion.misfit >= _MISFIT:
         return nothing
-    filled = max(0.0, float(areas[explained & clear].sum() - areas[background]))
-    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT) * min(1.0, filled / _FILLED)
+    before = explained & clear & (np.arange(len(areas)) != background)
+    filled = min(1.0, float(areas[before].sum()) / _FILLED)
+    sure = min(len(layers) - free, 2) * (1 - motion.misfit / _MISFIT) * filled
     depths = np.maximum(motion.depths, _SLOWEST_PX)
     gaps = np.abs(np.log(depths[:, None] / np.maximum(layers, _SLOWEST_PX)))
     own = np.abs(depths[:, None] - layers) <= np.maximum(_LAYER_PX, _LAYER_SHARE * depths[:, None])
