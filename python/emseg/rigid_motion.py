@@ -2,8 +2,8 @@
 
 What stands still moves, at the place x of the image, by rotation(x) + rho * translation(x): the rotation and
 the direction of the translation are the same for all, the inverse depth rho >= 0 is each part's own.  But for
-the rotation, all that stands still goes along the lines through one point of the image, at whatever speed.  An
-object may do so by chance; that parts of three speeds or more do is likelier to be the camera's doing.
+the rotation, all that stands still goes along the lines through one point of the image, at whatever speed.
+One object may do so by chance; that parts of three speeds or more do is likelier to be the camera's doing.
 
 Source: Longuet-Higgins & Prazdny, "The interpretation of a moving retinal image", Proc. R. Soc. B 208, 1980.
 """

@@ -4,7 +4,8 @@ A still scene at several depths moves at several speeds in the image, an object 
 and a straight edge leaves its motion along itself open.  No single number tells them apart, but together a
 few do: how much of the view a part spans, whether it reaches the sensor's border, and how many nats an event
 of it loses when it is made to move as the rest of the scene does, or within a few pixels of that, as parallax
-would have it.  A small network weighs them.  It was trained on simulated scenes (scripts/train_scene.py),
+would have it.  A small network weighs them; what one rigid motion of the camera explains is doubted besides
+(emseg.rigid_motion).  The network was trained on simulated scenes (scripts/train_scene.py),
 none of which is a recording or a scene that emseg is measured on.
 """
 
@@ -441,7 +442,7 @@ def layer_doubt(
     known = [k for k, part in enumerate(parts) if len(part.own) >= _LAYER_EVENTS and firm[k] > 0.1]
     used = sorted(known, key=lambda k: -parts[k].area)[:_MOST_LAYERS]
     areas = np.array([parts[k].area for k in used])
-    clear = (areas >= _LAYER_AREA) & (firm[used] > 0.5)
+    clear = (areas >= _LAYER_AREA) & (firm[used] > 0.3)
     if clear.sum() < 3 or background not in used or np.delete(logits, background).max() < _SURELY_STILL:
         return doubt
     places: Features = np.stack([_some_places(parts[k]) for k in used])
