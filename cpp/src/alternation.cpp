@@ -69,12 +69,17 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
 void Alternation::run() {
   label();
   drop_unused();
+  const auto falls_since = [&](std::int64_t before) {
+    return static_cast<double>(before - energy()) > options_.tolerance * static_cast<double>(before);
+  };
   for (int iteration = 0; iteration < options_.iterations; ++iteration) {
-    const std::int64_t before = energy();
-    if (!refit()) break;
+    // Where refits gain little, labels gain less; where labels hardly change, so do refits.
+    std::int64_t before = energy();
+    if (!refit() || !falls_since(before)) break;
+    before = energy();
     label();
     drop_unused();
-    if (static_cast<double>(before - energy()) <= options_.tolerance * static_cast<double>(before)) break;
+    if (!falls_since(before)) break;
   }
 }
 

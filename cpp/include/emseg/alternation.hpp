@@ -40,7 +40,7 @@ struct AlternationOptions {
   RefineOptions refine;
   double sigma = 1;         // blur of the data term's images, px
   int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
-  double tolerance = 1e-3;  // share of the energy: what falls less has stopped falling
+  double tolerance = 1e-3;  // share of the energy: a step that gains less is the last
   int sweeps = 2;           // of expansion moves in each (NUM_ITER_LABELING)
   Labelling labelling = Labelling::bands;
   std::size_t max_refit_events = 6000;  // of a label's, evenly in time, that its motion is fitted to
@@ -61,7 +61,7 @@ class Alternation {
               std::vector<MotionModel> models, const AlternationOptions& options, ThreadPool& pool,
               ExpansionWorkspace& expansion_workspace, StageClock& clock);
 
-  // Alternates until the energy stops falling.
+  // Alternates until a step lowers the energy by no more than the tolerance.
   void run();
 
   // Finds the labels again with one more model, which is free of label cost and leaves G_ref as it is.
