@@ -69,17 +69,17 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
 void Alternation::run() {
   label();
   drop_unused();
-  const auto falls_since = [&](std::int64_t before) {
-    return static_cast<double>(before - energy()) > options_.tolerance * static_cast<double>(before);
+  const auto falls = [&](std::int64_t before, double tolerance) {
+    return static_cast<double>(before - energy()) > tolerance * static_cast<double>(before);
   };
   for (int iteration = 0; iteration < options_.iterations; ++iteration) {
+    const std::int64_t before = energy();
     // Where refits gain little, labels gain less; where labels hardly change, so do refits.
-    std::int64_t before = energy();
-    if (!refit() || !falls_since(before)) break;
-    before = energy();
+    if (!refit() || !falls(before, options_.step_tolerance)) break;
+    const std::int64_t refitted = energy();
     label();
     drop_unused();
-    if (!falls_since(before)) break;
+    if (!falls(refitted, options_.step_tolerance) || !falls(before, options_.tolerance)) break;
   }
 }
 
