@@ -39,7 +39,7 @@ const BandOptions& checked(const BandOptions& options) {
   require_at_least("block_side", options.block_side, 1);
   require_at_least("hops", options.hops, 1);
   require_at_least("max_sweeps", options.max_sweeps, 0);
-  require_at_least("max_event_sweeps", options.max_event_sweeps, 0);
+  require_at_least("max_fine_sweeps", options.max_fine_sweeps, 0);
   require_at_least("max_bands", options.max_bands, 0);
   require_at_least("lenient_smoothness", options.lenient_smoothness, 0);
   return options;
@@ -78,7 +78,7 @@ class BandExpansion::Levels {
   bool band_of_changes();
   void widen_band(int hops);
   template <typename Cost>
-  std::int64_t solve(Part<Cost>& part, int max_sweeps);
+  std::int64_t solve(Part<Cost>& part);
   template <typename Cost>
   std::int64_t solve_pixels(const WindowLabeling& problem);
   template <typename Cost>
@@ -244,10 +244,11 @@ void BandExpansion::Levels::allow_labels_nearby(std::span<const std::int32_t> of
 // ---- parts
 
 template <typename Cost>
-std::int64_t BandExpansion::Levels::solve(Part<Cost>& part, int max_sweeps) {
+std::int64_t BandExpansion::Levels::solve(Part<Cost>& part) {
+  const int sweeps = std::min(options_.max_sweeps, options_.max_fine_sweeps);
   std::int64_t gain = 0;
   for (const std::int64_t of_sweep :
-       expand_in_turn(part.view(), max_sweeps, widest_, workspace_, part.labels, part.allowed)) {
+       expand_in_turn(part.view(), sweeps, widest_, workspace_, part.labels, part.allowed)) {
     gain += of_sweep;
   }
   return gain;
@@ -295,7 +296,7 @@ std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) 
     part.indptr.push_back(static_cast<std::int64_t>(part.indices.size()));
   }
   set_label_costs(problem, part);
-  const std::int64_t gain = solve(part, options_.max_sweeps);
+  const std::int64_t gain = solve(part);
 
   changed_.clear();
   for (std::size_t v = 0; v < band_.size(); ++v) {
@@ -354,7 +355,7 @@ std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) 
   }
   set_rows(edges, part);
   set_label_costs(problem, part);
-  const std::int64_t gain = solve(part, std::min(options_.max_sweeps, options_.max_event_sweeps));
+  const std::int64_t gain = solve(part);
 
   changed_.clear();
   for (const std::int32_t p : band_) {
