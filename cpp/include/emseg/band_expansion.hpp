@@ -29,11 +29,13 @@ std::int64_t window_energy(const PixelGraph& graph, const WindowLabeling& proble
                            std::span<const std::int32_t> labels);
 
 struct BandOptions {
-  int block_side = 4;       // px
-  int hops = 2;             // from a boundary to the end of the band around it, over neighbouring pixels
-  int max_sweeps = 2;       // over all labels, on blocks
-  int max_fine_sweeps = 1;  // on pixels and events, whose labels are nearly right from the start
-  int max_bands = 4;        // of events, each where the last one changed labels at its end
+  int block_side = 4;  // px
+  int hops = 2;        // from a boundary to the end of the band around it, over neighbouring pixels
+  int max_sweeps = 2;  // over all labels, on every level
+  int max_bands = 4;   // of events, each where the last one changed labels at its end
+
+  // Share of the energy: a sweep over pixels or events that gains no more is the last.
+  double least_gain = 1e-3;
 
   // Boundaries of blocks cut edges that finer ones avoid.  With this share of the smoothness blocks show
   // where else a boundary might pay; what they show is weighed exactly on the finer levels.
