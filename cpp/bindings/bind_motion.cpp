@@ -100,7 +100,8 @@ void bind_motion(py::module_& m) {
          std::optional<IweWorkspace*> workspace) {
         const PointView points = point_view(x, y, dt);
         const MotionModel model = make_motion(motion_kind(kind), params);
-        Image image(sensor_region(checked_size(width, height)));
+        Image image;
+        image.region = sensor_region(checked_size(width, height));  // make_iwe clears it
         {
           py::gil_scoped_release release;
           IweWorkspace own;

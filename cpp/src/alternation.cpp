@@ -69,12 +69,17 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
 void Alternation::run() {
   label();
   drop_unused();
+  const auto falls = [&](std::int64_t before, double tolerance) {
+    return static_cast<double>(before - energy()) > tolerance * static_cast<double>(before);
+  };
   for (int iteration = 0; iteration < options_.iterations; ++iteration) {
     const std::int64_t before = energy();
-    if (!refit()) break;
+    // Where refits gain little, labels gain less; where labels hardly change, so do refits.
+    if (!refit() || !falls(before, options_.step_tolerance)) break;
+    const std::int64_t refitted = energy();
     label();
     drop_unused();
-    if (static_cast<double>(before - energy()) <= options_.tolerance * static_cast<double>(before)) break;
+    if (!falls(refitted, options_.step_tolerance) || !falls(before, options_.tolerance)) break;
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -39,6 +40,7 @@ const BandOptions& checked(const BandOptions& options) {
   require_at_least("block_side", options.block_side, 1);
   require_at_least("hops", options.hops, 1);
   require_at_least("max_sweeps", options.max_sweeps, 0);
+  require_at_least("least_gain", options.least_gain, 0);
   require_at_least("max_bands", options.max_bands, 0);
   require_at_least("lenient_smoothness", options.lenient_smoothness, 0);
   return options;
@@ -77,11 +79,11 @@ class BandExpansion::Levels {
   bool band_of_changes();
   void widen_band(int hops);
   template <typename Cost>
-  std::int64_t solve(Part<Cost>& part);
+  std::int64_t solve(Part<Cost>& part, std::int64_t least_gain);
   template <typename Cost>
-  std::int64_t solve_pixels(const WindowLabeling& problem);
+  std::int64_t solve_pixels(const WindowLabeling& problem, std::int64_t least_gain);
   template <typename Cost>
-  std::int64_t solve_events(const WindowLabeling& problem);
+  std::int64_t solve_events(const WindowLabeling& problem, std::int64_t least_gain);
   template <typename Cost>
   void set_label_costs(const WindowLabeling& problem, Part<Cost>& part) const;
   bool is_boundary(std::int32_t pixel) const;
@@ -243,10 +245,10 @@ void BandExpansion::Levels::allow_labels_nearby(std::span<const std::int32_t> of
 // ---- parts
 
 template <typename Cost>
-std::int64_t BandExpansion::Levels::solve(Part<Cost>& part) {
+std::int64_t BandExpansion::Levels::solve(Part<Cost>& part, std::int64_t least_gain) {
   std::int64_t gain = 0;
-  for (const std::int64_t of_sweep :
-       expand_in_turn(part.view(), options_.max_sweeps, widest_, workspace_, part.labels, part.allowed)) {
+  for (const std::int64_t of_sweep : expand_in_turn(part.view(), options_.max_sweeps, widest_, workspace_,
+                                                    part.labels, part.allowed, Expanded::all, least_gain)) {
     gain += of_sweep;
   }
   return gain;
@@ -263,7 +265,7 @@ void BandExpansion::Levels::set_label_costs(const WindowLabeling& problem, Part<
 
 // Every pixel of the band is a node; there are no mixed pixels.
 template <typename Cost>
-std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) {
+std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem, std::int64_t least_gain) {
   const std::size_t label_count = candidates_.size();
   Part<Cost> part;
   part.unary.resize(band_.size() * label_count);
@@ -294,7 +296,7 @@ std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) 
     part.indptr.push_back(static_cast<std::int64_t>(part.indices.size()));
   }
   set_label_costs(problem, part);
-  const std::int64_t gain = solve(part);
+  const std::int64_t gain = solve(part, least_gain);
 
   changed_.clear();
   for (std::size_t v = 0; v < band_.size(); ++v) {
@@ -312,7 +314,7 @@ std::int64_t BandExpansion::Levels::solve_pixels(const WindowLabeling& problem) 
 
 // Every event of the band is a node.
 template <typename Cost>
-std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) {
+std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem, std::int64_t least_gain) {
   const std::size_t label_count = candidates_.size();
   std::int32_t count = 0;
   for (const std::int32_t p : band_) {
@@ -353,7 +355,7 @@ std::int64_t BandExpansion::Levels::solve_events(const WindowLabeling& problem) 
   }
   set_rows(edges, part);
   set_label_costs(problem, part);
-  const std::int64_t gain = solve(part);
+  const std::int64_t gain = solve(part, least_gain);
 
   changed_.clear();
   for (const std::int32_t p : band_) {
@@ -428,6 +430,8 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
   result.energy = cold ? evaluate_window(graph_, problem, original_labels()) : start.energy;
   result.energy_trace.push_back(result.energy);
   result.energy -= start.gain;
+  const auto least_gain =
+      static_cast<std::int64_t>(options_.least_gain * std::abs(static_cast<double>(result.energy)));
 
   if (cold) {
     mark_block_rims(first, marked);
@@ -435,7 +439,7 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
     band_.clear();
     add_blocks_to_band(marked);
     allow_labels_of_blocks(first, second);
-    result.energy -= solve_pixels<Cost>(problem);
+    result.energy -= solve_pixels<Cost>(problem, least_gain);
     band_of_boundaries();
     allow_labels_nearby({});
   } else {
@@ -444,7 +448,7 @@ ExpansionResult BandExpansion::Levels::minimise(const WindowLabeling& problem,
     allow_labels_nearby(second);
   }
   for (int k = 0; k < options_.max_bands && !band_.empty(); ++k) {
-    result.energy -= solve_events<Cost>(problem);
+    result.energy -= solve_events<Cost>(problem, least_gain);
     if (!band_of_changes()) break;
     allow_labels_nearby({});
   }

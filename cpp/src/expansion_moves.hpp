@@ -101,13 +101,15 @@ enum class Expanded {
   used,        // those in use alone
 };
 
-// Expands labels in turn until none has anything to gain, in at most `max_sweeps` sweeps.  Returns the gain
-// of every sweep; with Expanded::used_first, what settles the labels in use comes first.
+// Expands labels in turn until none has anything to gain, in at most `max_sweeps` sweeps, of which one that
+// gains no more than `least_gain` is the last.  Returns the gain of every sweep; with Expanded::used_first,
+// what settles the labels in use comes first.
 template <typename Cost, typename Capacity, typename Residual>
 std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& problem, int max_sweeps,
                                          ExpansionMove<Capacity, Residual>& move,
                                          std::vector<std::int32_t>& labels,
-                                         std::span<const std::uint64_t> allowed, Expanded expanded) {
+                                         std::span<const std::uint64_t> allowed, Expanded expanded,
+                                         std::int64_t least_gain) {
   MovesInTurn<Cost, Capacity, Residual> moves(problem, move, labels, allowed);
   std::vector<std::int64_t> gains;
   if (expanded != Expanded::all) {
@@ -119,7 +121,10 @@ std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& probl
     }
   }
   if (expanded == Expanded::used) return gains;
-  for (int sweep = 0; sweep < max_sweeps && !moves.is_settled(); ++sweep) gains.push_back(moves.sweep());
+  for (int sweep = 0; sweep < max_sweeps && !moves.is_settled(); ++sweep) {
+    gains.push_back(moves.sweep());
+    if (gains.back() <= least_gain) break;
+  }
   return gains;
 }
 
@@ -130,17 +135,17 @@ std::vector<std::int64_t> expand_in_turn(const BasicLabelingProblem<Cost>& probl
                                          std::int64_t widest, ExpansionWorkspace& workspace,
                                          std::vector<std::int32_t>& labels,
                                          std::span<const std::uint64_t> allowed = {},
-                                         Expanded expanded = Expanded::all) {
+                                         Expanded expanded = Expanded::all, std::int64_t least_gain = 0) {
   ExpansionWorkspace::Moves& moves = workspace.moves();
   if (widest > std::numeric_limits<std::int32_t>::max()) {
-    return expand_in_turn(problem, max_sweeps, moves.wide, labels, allowed, expanded);
+    return expand_in_turn(problem, max_sweeps, moves.wide, labels, allowed, expanded, least_gain);
   }
   Cost heaviest = 0;
   for (const Cost weight : problem.weight) heaviest = std::max(heaviest, weight);
   if (heaviest <= std::numeric_limits<std::int16_t>::max() / 2) {
-    return expand_in_turn(problem, max_sweeps, moves.small, labels, allowed, expanded);
+    return expand_in_turn(problem, max_sweeps, moves.small, labels, allowed, expanded, least_gain);
   }
-  return expand_in_turn(problem, max_sweeps, moves.narrow, labels, allowed, expanded);
+  return expand_in_turn(problem, max_sweeps, moves.narrow, labels, allowed, expanded, least_gain);
 }
 
 }  // namespace emseg

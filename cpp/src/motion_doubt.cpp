@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "emseg/fast_log.hpp"
+
 namespace emseg {
 namespace {
 
 constexpr float slow = 4.0f;     // px along an axis: what the grid feigns is faster
-constexpr double chance = 10.0;  // px from which on chance meetings grow with the way
+constexpr float chance = 10.0f;  // px from which on chance meetings grow with the way
 
 }  // namespace
 
@@ -31,17 +33,26 @@ std::vector<std::int32_t> MotionDoubt::of(const MotionModel& model, const WarpFr
   if (ends_.size() == 0) return doubts;
   std::vector<float> x(2 * n), y(2 * n);
   warp_points(ends_.view(), model, frame, x, y);
+  // Logarithms of many numbers cost a tenth.
+  std::vector<float> ways(n);
   for (std::size_t b = 0; b < n; ++b) {
+    const float dx = x[b] - x[b + n], dy = y[b] - y[b + n];
+    ways[b] = 1 + std::sqrt(dx * dx + dy * dy) / chance;
+  }
+  std::vector<float> logs(n);
+  if (options_.speed > 0) natural_logs(ways, logs);
+  const auto speed = static_cast<float>(options_.speed), axis = static_cast<float>(options_.axis);
+  for (std::size_t b = 0; b < n; ++b) {
+    if (!std::isfinite(ways[b])) continue;  // no image holds what flies as far
+    float doubt = speed * logs[b];
     const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
-    if (!std::isfinite(dx) || !std::isfinite(dy)) continue;  // no image holds what flies as far
-    double doubt = options_.speed * std::log1p(std::hypot(double{dx}, double{dy}) / chance);
     const float along = std::max(dx, dy);
     if (along > slow) {  // most are not
-      const double fast = std::clamp((double{along} - slow) / 4.0, 0.0, 1.0);
-      const double straight = std::clamp(1.5 + 0.05 * double{along} - double{std::min(dx, dy)}, 0.0, 1.0);
-      doubt += options_.axis * fast * straight;
+      const float fast = std::clamp((along - slow) / 4, 0.0f, 1.0f);
+      const float straight = std::clamp(1.5f + 0.05f * along - std::min(dx, dy), 0.0f, 1.0f);
+      doubt += axis * fast * straight;
     }
-    doubts[b] = static_cast<std::int32_t>(doubt + 0.5);
+    doubts[b] = static_cast<std::int32_t>(doubt + 0.5f);
   }
   return doubts;
 }

@@ -383,7 +383,7 @@ class Segmenter:
         """
         buffer = EventBuffer(events, width=self.width, height=self.height)
         tracker = self.tracker(least_evidence=1.5)
-        wanted = self._first_duration(buffer)
+        wanted, first = self._first_trial(buffer)
         threads = self.config.threads or len(os.sched_getaffinity(0))
         options = engine_options(replace(self.config, threads=max(1, threads // _WINDOWS_AT_A_TIME)))
         engines = itertools.cycle([self._new_engine(options) for _ in range(_WINDOWS_AT_A_TIME)])
@@ -402,9 +402,14 @@ class Segmenter:
                     if wanted is not None:
                         wanted = next_duration(found.duration, objects)
                     done = found.relabelled(objects, start=start)
-                window = buffer.take(self.window_size(buffer, wanted))
+                size = self.window_size(buffer, wanted) if first is None else len(first.events)
+                window = buffer.take(size)
                 if len(window):
-                    task = executor.submit(self._segment_by, next(engines), window, **known)
+                    if first is None:
+                        task = executor.submit(self._segment_by, next(engines), window, **known)
+                    else:
+                        task = _finished(first)
+                        first = None
                     running.append((buffer.taken - len(window), task))
                 if done is not None:
                     yield done
@@ -415,21 +420,24 @@ class Segmenter:
                 objects = tracker.assign(found.events, found.labels, found.models, found.t_ref)
                 yield found.relabelled(objects, start=start)
 
-    def _first_duration(self, buffer: EventBuffer) -> int | None:
-        """How long the first window is to last, µs, by trying; None: windows have no adaptive one."""
+    def _first_trial(self, buffer: EventBuffer) -> tuple[int | None, Segmentation | None]:
+        """How long a window is to last, µs, by trying, and the first one if a trial has lasted about as long.
+
+        None for the duration: windows have no adaptive one.
+        """
         if self.config.num_events_per_image is not None or self.config.window_duration is not None:
-            return None
+            return None, None
         wanted = FIRST_TRIAL_US
         for _ in range(_TRIALS):
             size = self.window_size(buffer, wanted)
             if not size:
-                return None
+                return None, None
             found = self.find_motions(buffer.look_ahead(count=size)[:size])
             objects = self.tracker().assign(found.events, found.labels, found.models, found.t_ref)
             tried, wanted = found.duration, next_duration(found.duration, objects)
             if 0.7 * wanted < tried < 1.4 * wanted:
-                break
-        return wanted
+                return wanted, found
+        return wanted, None
 
     def window_size(self, buffer: EventBuffer, duration_us: int | None = None) -> int:
         """How many of the events to come the next window takes; 0 where none is left.
@@ -444,6 +452,12 @@ class Segmenter:
         if self.config.window_duration is not None:
             return buffer.count_to_multiple(max(1, round(self.config.window_duration * 1e6)))
         return buffer.count_within(duration_us or FIRST_TRIAL_US, most=MOST_EVENTS)
+
+
+def _finished(found: Segmentation) -> Future[Segmentation]:
+    task: Future[Segmentation] = Future()
+    task.set_result(found)
+    return task
 
 
 class KnownMotions(TypedDict, total=False):

@@ -38,10 +38,11 @@ struct AlternationOptions {
   std::vector<std::vector<std::uint8_t>> expected;        // of each object, where_expected
   std::vector<MotionKind> kinds{MotionKind::similarity};  // that a label may have
   RefineOptions refine;
-  double sigma = 1;         // blur of the data term's images, px
-  int iterations = 5;       // labels and models in turn (NUM_ITER_SEGMENTATION)
-  double tolerance = 1e-3;  // share of the energy: what falls less has stopped falling
-  int sweeps = 2;           // of expansion moves in each (NUM_ITER_LABELING)
+  double sigma = 1;              // blur of the data term's images, px
+  int iterations = 5;            // labels and models in turn (NUM_ITER_SEGMENTATION)
+  double tolerance = 1e-3;       // share of the energy: what falls less in a turn has stopped falling
+  double step_tolerance = 3e-4;  // the same of labels alone, or of models alone
+  int sweeps = 2;                // of expansion moves in each (NUM_ITER_LABELING)
   Labelling labelling = Labelling::bands;
   std::size_t max_refit_events = 6000;  // of a label's, evenly in time, that its motion is fitted to
 };
@@ -61,7 +62,7 @@ class Alternation {
               std::vector<MotionModel> models, const AlternationOptions& options, ThreadPool& pool,
               ExpansionWorkspace& expansion_workspace, StageClock& clock);
 
-  // Alternates until the energy stops falling.
+  // Alternates until a step or a turn of two lowers the energy by no more than its tolerance.
   void run();
 
   // Finds the labels again with one more model, which is free of label cost and leaves G_ref as it is.

@@ -34,6 +34,9 @@ struct BandOptions {
   int max_sweeps = 2;  // over all labels, on every level
   int max_bands = 4;   // of events, each where the last one changed labels at its end
 
+  // Share of the energy: a sweep over pixels or events that gains no more is the last.
+  double least_gain = 1e-3;
+
   // Boundaries of blocks cut edges that finer ones avoid.  With this share of the smoothness blocks show
   // where else a boundary might pay; what they show is weighed exactly on the finer levels.
   double lenient_smoothness = 0.7;
