@@ -39,8 +39,8 @@ std::vector<std::int32_t> extended(const Scene& scene, const std::vector<std::si
 }
 
 // The definition in double precision, vote by vote: the blurred image of a label's sample where a point
-// falls.
-double brightness(const Scene& scene, std::size_t k, const std::vector<std::size_t>& sample,
+// falls, of its own sign or of either.
+double brightness(const Scene& scene, std::size_t k, bool own_sign, const std::vector<std::size_t>& sample,
                   const std::vector<std::int32_t>& labels, std::int32_t label, const MotionModel& model) {
   const auto place = [&](std::size_t event) {
     return reference_warp(model, frame, {scene.points.x[event], scene.points.y[event]},
@@ -67,7 +67,7 @@ double brightness(const Scene& scene, std::size_t k, const std::vector<std::size
     if (labels[i] != label) continue;
     const Place from = place(sample[i]);
     const auto& sign = scene.points.sign;
-    const double vote = sign.empty() ? 1 : sign[k] * sign[sample[i]];
+    const double vote = own_sign && !sign.empty() ? sign[k] * sign[sample[i]] : 1;
     sum += vote * along(from.x, to.x, canvas.x0, canvas.x0 + canvas.width - 1) *
            along(from.y, to.y, canvas.y0, canvas.y0 + canvas.height - 1);
   }
@@ -76,7 +76,8 @@ double brightness(const Scene& scene, std::size_t k, const std::vector<std::size
 
 }  // namespace
 
-TEST_CASE("a point takes the label whose image is brightest where it falls, and none where all are dark") {
+TEST_CASE(
+    "a point takes the label whose image is brightest where it falls: of its sign, of either, or none") {
   for (const bool is_signed : {false, true}) {
     CAPTURE(is_signed);
     Scene scene = crossing(1);
@@ -105,27 +106,39 @@ TEST_CASE("a point takes the label whose image is brightest where it falls, and 
     }
     const auto found = extended(scene, sample, labels, models);
     REQUIRE(found.size() == scene.size());
-    std::size_t dark = 0, clear = 0, next = 0;
+    std::size_t dark = 0, clear = 0, other_sign = 0, next = 0;
     for (std::size_t k = 0; k < scene.size(); ++k) {
       if (next < sample.size() && sample[next] == k) {
         REQUIRE(found[k] == labels[next++]);
         continue;
       }
-      std::vector<double> of_label;
-      for (std::int32_t l = 0; l < static_cast<std::int32_t>(models.size()); ++l)
-        of_label.push_back(brightness(scene, k, sample, labels, l, models[static_cast<std::size_t>(l)]));
-      const double best = *std::max_element(of_label.begin(), of_label.end());
+      const auto brightness_by_label = [&](bool own_sign) {
+        std::vector<double> of_label;
+        for (std::int32_t l = 0; l < static_cast<std::int32_t>(models.size()); ++l)
+          of_label.push_back(
+              brightness(scene, k, own_sign, sample, labels, l, models[static_cast<std::size_t>(l)]));
+        return of_label;
+      };
       // Brightness that the rounding of places could make or unmake says nothing.
-      if (best == 0 || best < -1e-4) {
+      const auto is_dark = [](double best) { return best == 0 || best < -1e-4; };
+      std::vector<double> of_label = brightness_by_label(true);
+      double best = *std::ranges::max_element(of_label);
+      const bool dark_by_sign = is_dark(best);
+      if (dark_by_sign) {
+        of_label = brightness_by_label(false);
+        best = *std::ranges::max_element(of_label);
+      }
+      if (is_dark(best)) {
         REQUIRE(found[k] == -1);
         ++dark;
       } else if (best > 1e-4) {
         REQUIRE(found[k] >= 0);
         REQUIRE(of_label[static_cast<std::size_t>(found[k])] > best - 1e-5);
-        ++clear;
+        ++(dark_by_sign ? other_sign : clear);
       }
     }
     CHECK(dark > 5);
+    CHECK((is_signed ? other_sign > 5 : other_sign == 0));
     CHECK(clear > (is_signed ? 1000 : 1500));
   }
 }
