@@ -80,6 +80,20 @@ class EventBuffer:
         edge = int(ahead.t[0]) + duration_us
         return len(ahead) if edge > int(ahead.t[-1]) else int(np.searchsorted(ahead.t, edge))
 
+    def count_to_end(self, duration_us: int, *, most: int) -> int:
+        """As `count_within`, but the end of the recording leaves no crumb, in which hardly anything moves.
+
+        What lasts less than two durations is halved; one and a quarter stay whole.
+        """
+        count = self.count_within(duration_us, most=most)
+        ahead = self.look_ahead(count=2 * most, duration_us=2 * duration_us)
+        if not count or len(ahead) > 2 * most:
+            return count
+        left = int(ahead.t[-1]) - int(ahead.t[0]) + 1
+        if left >= 2 * duration_us:
+            return count
+        return self.count_within(left if 4 * left <= 5 * duration_us else -(-left // 2), most=most)
+
     def take(self, count: int) -> EventArray:
         """The next `count` events, of those that were seen ahead; the buffer has them no longer."""
         front, self._held = self._held[:count], self._held[count:]

@@ -83,6 +83,31 @@ def test_what_comes_within_a_duration_is_counted(
     assert buffer.count_within(duration, most=most) == 0
 
 
+@given(TIMES, st.lists(st.integers(0, 30), max_size=8), st.integers(1, 60), st.integers(1, 12))
+def test_the_end_of_a_recording_leaves_no_crumb(
+    times: list[int], at: list[int], duration: int, most: int
+) -> None:
+    events = events_at(times)
+    buffer = buffer_of(cut(events, at))
+    while buffer.taken < len(events):
+        rest = [int(t) - int(events.t[buffer.taken]) for t in events.t[buffer.taken :]]
+        wanted, left = duration, rest[-1] + 1
+        if len(rest) <= 2 * most and left < 2 * duration:
+            wanted = left if left <= 1.25 * duration else (left + 1) // 2
+        count = buffer.count_to_end(duration, most=most)
+        assert count == min(most, sum(since < wanted for since in rest))
+        buffer.take(count)
+    assert buffer.count_to_end(duration, most=most) == 0
+
+
+def test_the_last_windows_by_hand() -> None:
+    buffer = buffer_of(events_at(list(range(100))))
+    assert buffer.count_to_end(40, most=200) == 40
+    assert buffer.count_to_end(60, most=200) == 50  # and 50 are left, not 40
+    assert buffer.count_to_end(80, most=200) == 100
+    assert buffer.count_to_end(79, most=200) == 50
+
+
 def test_no_more_is_held_than_asked_for() -> None:
     drawn = 0
 
