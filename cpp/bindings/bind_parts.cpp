@@ -2,6 +2,7 @@
 
 #include <optional>
 
+#include "emseg/edge_directions.hpp"
 #include "emseg/part_features.hpp"
 #include "emseg/split_apart.hpp"
 #include "emseg/warp_events.hpp"
@@ -157,6 +158,29 @@ void bind_parts(py::module_& m) {
       py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("own"), py::arg("along_x"),
       py::arg("along_y"), py::arg("width"), py::arg("height"),
       "Events of its own sign that an event of a part meets where its motion would bring it if it went on.");
+
+  m.def(
+      "structure_tensors",
+      [](const Array<std::uint16_t>& x, const Array<std::uint16_t>& y, const Array<std::int64_t>& t,
+         const Array<std::uint8_t>& p, int width, int height, int side) {
+        EventView events = event_view(x, y, t);
+        events.p = view(p);
+        check_events(events, {width, height});
+        const TileGrid tiles = tiles_of({width, height}, side);
+        Points points = make_points(events, events.size() ? events.t[0] : 0);
+        for (const std::uint8_t positive : events.p) points.sign.push_back(positive != 0 ? 1.0f : -1.0f);
+        const BlockGrid grid = make_block_grid(points.view(), {0, 0, width, height}, side);
+        py::array_t<double> tensors({py::ssize_t{tiles.rows}, py::ssize_t{tiles.columns}, py::ssize_t{3}});
+        double* to = tensors.mutable_data();
+        for (const StructureTensor& tensor : structure_tensors(points.view(), grid, edge_slices)) {
+          for (const double product : {tensor.xx, tensor.xy, tensor.yy}) *to++ = product;
+        }
+        return tensors;
+      },
+      py::arg("x"), py::arg("y"), py::arg("t"), py::arg("p"), py::arg("width"), py::arg("height"),
+      py::arg("side"),
+      "Structure tensors xx, xy, yy of square tiles, float64 (rows, columns, 3), of signed images of "
+      "events.");
 
   m.def(
       "image_velocity",

@@ -37,7 +37,7 @@ std::vector<Vec2f> vectors(const Array<float>& columns) {
 }
 
 SegmenterOptions make_options(const std::string& term, double lambda_data, double lambda_smooth,
-                              std::optional<double> lambda_label, double lambda_speed, double axis_doubt,
+                              std::optional<double> lambda_label, double lambda_speed, double lambda_edge,
                               const std::string& polarity_name, const std::string& footprint_name,
                               const std::string& flicker_name, int bracket_row, int bracket_col,
                               double max_speed, double max_scale_rate, double max_angle_rate,
@@ -50,7 +50,7 @@ SegmenterOptions make_options(const std::string& term, double lambda_data, doubl
   options.lambda_smooth = lambda_smooth;
   options.lambda_label = lambda_label;
   options.lambda_speed = lambda_speed;
-  options.axis_doubt = axis_doubt;
+  options.lambda_edge = lambda_edge;
   options.polarity = polarity(polarity_name);
   options.footprint = footprint(footprint_name);
   options.flicker = flicker(flicker_name);
@@ -82,7 +82,7 @@ void bind_segmenter(py::module_& m) {
            py::arg("data_term") = std::string(name_of(defaults.data_term)),
            py::arg("lambda_data") = defaults.lambda_data, py::arg("lambda_smooth") = defaults.lambda_smooth,
            py::arg("lambda_label") = defaults.lambda_label, py::arg("lambda_speed") = defaults.lambda_speed,
-           py::arg("axis_doubt") = defaults.axis_doubt,
+           py::arg("lambda_edge") = defaults.lambda_edge,
            py::arg("polarity") = std::string(name_of(defaults.polarity)),
            py::arg("footprint") = std::string(name_of(defaults.footprint)),
            py::arg("flicker") = std::string(name_of(defaults.flicker)),
@@ -113,7 +113,7 @@ void bind_segmenter(py::module_& m) {
       .def_readonly("lambda_smooth", &SegmenterOptions::lambda_smooth)
       .def_readonly("lambda_label", &SegmenterOptions::lambda_label)
       .def_readonly("lambda_speed", &SegmenterOptions::lambda_speed)
-      .def_readonly("axis_doubt", &SegmenterOptions::axis_doubt)
+      .def_readonly("lambda_edge", &SegmenterOptions::lambda_edge)
       .def_property_readonly("polarity",
                              [](const SegmenterOptions& o) { return std::string(name_of(o.polarity)); })
       .def_property_readonly("footprint",

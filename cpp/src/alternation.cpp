@@ -46,9 +46,9 @@ Alternation::Alternation(const PointView& points, const PixelGraph& graph, const
       for (std::size_t k = 0; k < expected.size(); ++k) anyones_[k] |= expected[k];
     }
   }
-  if (options_.speed_cost > 0) {
-    blocks_ = make_block_grid(points_, plane_, 8);
-    doubt_.emplace(*blocks_, points_.seconds(), DoubtOptions{.speed = options_.speed_cost});
+  if (options_.doubt.speed > 0 || options_.doubt.edge > 0) {
+    blocks_ = make_block_grid(points_, plane_, doubt_block);
+    doubt_.emplace(*blocks_, points_.seconds(), options_.doubt, options_.edges);
   }
   if (label_costs_.empty()) label_costs_.assign(models_.size(), options.label_cost);
   assert(label_costs_.size() == models_.size());

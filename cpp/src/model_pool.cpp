@@ -145,7 +145,7 @@ class PoolSearch {
                                                     static_cast<double>(points_.size()) /
                                                     static_cast<double>(points.size())))),
         grid_(make_block_grid(points_.view(), plane, options.block)),
-        doubt_(grid_, points_.view().seconds(), options.doubt),
+        doubt_(grid_, points_.view().seconds(), options.doubt, options.edges),
         count_workspaces_(static_cast<std::size_t>(pool.worker_count())),
         contrast_workspaces_(static_cast<std::size_t>(pool.worker_count())) {}
 
@@ -268,26 +268,19 @@ class PoolSearch {
                        [&](std::size_t m) { return m >= count; });
   }
 
-  // The models chosen last, and the better of the two motions of every tracked object that none of them is
-  // of: whether their objects are still there is for the labels of all events to say.
+  // The models chosen last, and the tracked ones: whether their objects are still there is for the labels of
+  // all events to say.
   ModelPool chosen_models() const {
     ModelPool pool;
-    const auto add = [&](std::size_t m) {
+    for (std::size_t m = 0; m < models_.size(); ++m) {
+      const bool chosen = std::ranges::find(selection_.chosen, m) != selection_.chosen.end();
+      // Standing still, the candidates given, and the tracked objects' motions were the first.
+      const std::size_t first = 1 + options_.candidates.size() + 2 * options_.tracked.size();
+      const bool given = objects_[m] != no_object && m < first;
+      if (!chosen && !given) continue;
       pool.models.push_back(models_[m]);
       pool.object.push_back(objects_[m]);
-    };
-    // Standing still, the candidates given, and the tracked objects' motions were the first.
-    const std::size_t first = 1 + options_.candidates.size();
-    for (std::size_t i = 0; i < options_.tracked.size(); ++i) {
-      const bool is_chosen = std::ranges::any_of(
-          selection_.chosen, [&](std::size_t m) { return objects_[m] == static_cast<std::int32_t>(i); });
-      if (is_chosen) continue;
-      const std::size_t as_it_was = first + 2 * i, fitted = as_it_was + 1;
-      add(gain_of(fitted) >= gain_of(as_it_was) ? fitted : as_it_was);
     }
-    std::vector<std::size_t> chosen = selection_.chosen;
-    std::ranges::sort(chosen);
-    std::ranges::for_each(chosen, add);
     return pool;
   }
 
@@ -352,16 +345,6 @@ class PoolSearch {
       loss += costs_[selection_.chosen[to]][b] - costs_[selection_.chosen[from]][b];
     }
     return loss;
-  }
-
-  // What blocks would cost less by one more model, its label apart.
-  std::int64_t gain_of(std::size_t model) const {
-    std::int64_t gain = 0;
-    for (std::size_t b = 0; b < grid_.count(); ++b) {
-      const std::size_t chosen = selection_.chosen[chosen_for(static_cast<std::int32_t>(b))];
-      gain += std::max(0, costs_[chosen][b] - costs_[model][b]);
-    }
-    return gain;
   }
 
   static void append(Points& to, const Points& from) {

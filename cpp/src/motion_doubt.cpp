@@ -1,6 +1,6 @@
 #include "emseg/motion_doubt.hpp"
 
-#include <algorithm>
+#include <cassert>
 #include <cmath>
 
 #include "emseg/fast_log.hpp"
@@ -8,14 +8,15 @@
 namespace emseg {
 namespace {
 
-constexpr float slow = 4.0f;     // px along an axis: what the grid feigns is faster
 constexpr float chance = 10.0f;  // px from which on chance meetings grow with the way
 
 }  // namespace
 
-MotionDoubt::MotionDoubt(const BlockGrid& grid, double window, const DoubtOptions& options)
-    : block_count_(grid.count()), options_(options) {
-  if (!(options.axis > 0 || options.speed > 0)) return;
+MotionDoubt::MotionDoubt(const BlockGrid& grid, double window, const DoubtOptions& options,
+                         std::vector<EdgeDirection> edges)
+    : block_count_(grid.count()), options_(options), edges_(std::move(edges)) {
+  assert(edges_.empty() || edges_.size() == block_count_);
+  if (!(options.speed > 0 || (options.edge > 0 && !edges_.empty()))) return;
   for (const double side : {0.5, -0.5}) {
     for (int row = 0; row < grid.rows; ++row) {
       for (int column = 0; column < grid.columns; ++column) {
@@ -34,25 +35,17 @@ std::vector<std::int32_t> MotionDoubt::of(const MotionModel& model, const WarpFr
   std::vector<float> x(2 * n), y(2 * n);
   warp_points(ends_.view(), model, frame, x, y);
   // Logarithms of many numbers cost a tenth.
-  std::vector<float> ways(n);
+  std::vector<float> ways(2 * n, 1.0f), logs(2 * n);
   for (std::size_t b = 0; b < n; ++b) {
     const float dx = x[b] - x[b + n], dy = y[b] - y[b + n];
-    ways[b] = 1 + std::sqrt(dx * dx + dy * dy) / chance;
+    ways[b] += std::sqrt(dx * dx + dy * dy) / chance;
+    if (!edges_.empty()) ways[b + n] += std::abs(dx * edges_[b].x + dy * edges_[b].y) / chance;
   }
-  std::vector<float> logs(n);
-  if (options_.speed > 0) natural_logs(ways, logs);
-  const auto speed = static_cast<float>(options_.speed), axis = static_cast<float>(options_.axis);
+  natural_logs(ways, logs);
+  const auto speed = static_cast<float>(options_.speed), edge = static_cast<float>(options_.edge);
   for (std::size_t b = 0; b < n; ++b) {
     if (!std::isfinite(ways[b])) continue;  // no image holds what flies as far
-    float doubt = speed * logs[b];
-    const float dx = std::abs(x[b] - x[b + n]), dy = std::abs(y[b] - y[b + n]);
-    const float along = std::max(dx, dy);
-    if (along > slow) {  // most are not
-      const float fast = std::clamp((along - slow) / 4, 0.0f, 1.0f);
-      const float straight = std::clamp(1.5f + 0.05f * along - std::min(dx, dy), 0.0f, 1.0f);
-      doubt += axis * fast * straight;
-    }
-    doubts[b] = static_cast<std::int32_t>(doubt + 0.5f);
+    doubts[b] = static_cast<std::int32_t>(speed * logs[b] + edge * logs[b + n] + 0.5f);
   }
   return doubts;
 }

@@ -111,6 +111,19 @@ Choice either(const std::string& what, std::string_view name, Choice first, Choi
                               std::string(name_of(first)) + " or " + std::string(name_of(second)));
 }
 
+// Directions of edges by block, for the search of motions, which goes by whole blocks, and for the labels of
+// single events, which do better without what is not plain.
+struct Edges {
+  std::vector<EdgeDirection> searched;
+  std::vector<EdgeDirection> labelled;
+};
+
+Edges find_edges(const PointView& points, Region plane) {
+  const BlockGrid grid = make_block_grid(points, plane, doubt_block);
+  const std::vector<StructureTensor> tensors = structure_tensors(points, grid, edge_slices);
+  return {edge_directions(tensors, grid, 0.3), edge_directions(tensors, grid, 2)};
+}
+
 // Images and cells are counted in ints, and a canvas has four times the sensor's pixels.
 constexpr int max_sensor_side = 8192;
 
@@ -143,8 +156,8 @@ void SegmenterOptions::check() const {
   rounded_cost(lambda_place, "lambda_place");
   require(lambda_speed >= 0 && lambda_speed <= 255,
           "lambda_speed is " + std::to_string(lambda_speed) + ", expected 0..255");
-  require(axis_doubt >= 0 && axis_doubt <= 255,
-          "axis_doubt is " + std::to_string(axis_doubt) + ", expected 0..255");
+  require(lambda_edge >= 0 && lambda_edge <= 255,
+          "lambda_edge is " + std::to_string(lambda_edge) + ", expected 0..255");
   require(bracket_row >= 1 && bracket_row <= 64,
           "bracket_row is " + std::to_string(bracket_row) + ", expected 1..64");
   require(bracket_col >= 1 && bracket_col <= 64,
@@ -216,6 +229,7 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
   const EventSample sample(events, all_points, sampled);
   const PointView points = sample.points();
   const PixelGraph graph = build_pixel_graph(sample.events(), size_);
+  const Edges edges = options_.lambda_edge > 0 ? find_edges(points, plane_) : Edges{};
   clock.lap("graph");
 
   // Model pool.
@@ -238,7 +252,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     pool.lambda_data = options_.lambda_data;
     pool.lambda_label = label_cost;
     pool.tracked_share = options_.tracked_share;
-    pool.doubt = {options_.axis_doubt, options_.lambda_speed};
+    pool.doubt = {options_.lambda_speed, options_.lambda_edge};
+    pool.edges = edges.searched;
     pool.sigma = options_.sigma;
     pool.candidates = prior.candidates;
     pool.tracked = prior.tracked;
@@ -256,7 +271,8 @@ Segmentation Segmenter::segment(const EventView& events, const WindowPrior& prio
     alternation_options.label_costs.push_back(
         std::llround(object == no_object ? label_cost : options_.tracked_share * label_cost));
   }
-  alternation_options.speed_cost = options_.lambda_speed;
+  alternation_options.doubt = {options_.lambda_speed, options_.lambda_edge / 2};
+  alternation_options.edges = edges.labelled;
   alternation_options.place_cost = rounded_cost(options_.lambda_place, "lambda_place");
   alternation_options.objects = models.object;
   for (const TrackedObject& object : prior.tracked)

@@ -56,6 +56,7 @@ __all__: list[str] = [
     "simd_levels",
     "split_apart",
     "spread_of_tiles",
+    "structure_tensors",
     "take_events",
     "version",
     "warp",
@@ -330,7 +331,7 @@ class SegmenterOptions:
         lambda_smooth: typing.SupportsFloat | typing.SupportsIndex = 24.0,
         lambda_label: typing.SupportsFloat | typing.SupportsIndex | None = None,
         lambda_speed: typing.SupportsFloat | typing.SupportsIndex = 15.0,
-        axis_doubt: typing.SupportsFloat | typing.SupportsIndex = 20.0,
+        lambda_edge: typing.SupportsFloat | typing.SupportsIndex = 50.0,
         polarity: str = "opposed",
         footprint: str = "scattered",
         flicker: str = "left_out",
@@ -358,8 +359,6 @@ class SegmenterOptions:
     @property
     def affine_trans2d_max(self) -> float: ...
     @property
-    def axis_doubt(self) -> float: ...
-    @property
     def bracket_col(self) -> int: ...
     @property
     def bracket_row(self) -> int: ...
@@ -375,6 +374,8 @@ class SegmenterOptions:
     def labelling(self) -> str: ...
     @property
     def lambda_data(self) -> float: ...
+    @property
+    def lambda_edge(self) -> float: ...
     @property
     def lambda_label(self) -> float | None: ...
     @property
@@ -1060,6 +1061,19 @@ def split_apart(
 def spread_of_tiles(held: numpy.typing.NDArray[numpy.bool]) -> float:
     """
     How much of the view tiles span by their second moments: 1 for all of it.
+    """
+
+def structure_tensors(
+    x: numpy.typing.NDArray[numpy.uint16],
+    y: numpy.typing.NDArray[numpy.uint16],
+    t: numpy.typing.NDArray[numpy.int64],
+    p: numpy.typing.NDArray[numpy.uint8],
+    width: typing.SupportsInt | typing.SupportsIndex,
+    height: typing.SupportsInt | typing.SupportsIndex,
+    side: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Structure tensors xx, xy, yy of square tiles, float64 (rows, columns, 3), of signed images of events.
     """
 
 def take_events(

@@ -101,9 +101,9 @@ class Config:
         least=0,
         most=255,
     )
-    axis_doubt: float = number(
-        20.0,
-        "Cost of an event, when motions are searched, by one along columns or rows: straight edges feign it",
+    lambda_edge: float = number(
+        50.0,
+        "As lambda_speed, of the way along straight edges, which is not seen; half as much in the labels",
         least=0,
         most=255,
     )

@@ -15,7 +15,7 @@ _PUBLISHED: Final[dict[str, Any]] = {
     "data_term": "published",
     "background": "widest",
     "lambda_speed": 0.0,
-    "axis_doubt": 0.0,
+    "lambda_edge": 0.0,
     "polarity": "ignored",
     "footprint": "point",
     "flicker": "kept",

@@ -68,7 +68,7 @@ def engine_options(config: Config) -> _core.SegmenterOptions:
         footprint=config.footprint,
         flicker=config.flicker,
         lambda_speed=config.lambda_speed,
-        axis_doubt=config.axis_doubt,
+        lambda_edge=config.lambda_edge,
         labelling=config.labelling,
         sigma=config.sigma,
         max_events=config.max_events_per_window,
@@ -402,8 +402,7 @@ class Segmenter:
                     if wanted is not None:
                         wanted = next_duration(found.duration, objects)
                     done = found.relabelled(objects, start=start)
-                size = self.window_size(buffer, wanted) if first is None else len(first.events)
-                window = buffer.take(size)
+                window = buffer.take(self._next_size(buffer, wanted) if first is None else len(first.events))
                 if len(window):
                     if first is None:
                         task = executor.submit(self._segment_by, next(engines), window, **known)
@@ -429,7 +428,7 @@ class Segmenter:
             return None, None
         wanted = FIRST_TRIAL_US
         for _ in range(_TRIALS):
-            size = self.window_size(buffer, wanted)
+            size = self._next_size(buffer, wanted)
             if not size:
                 return None, None
             found = self.find_motions(buffer.look_ahead(count=size)[:size])
@@ -438,6 +437,10 @@ class Segmenter:
             if 0.7 * wanted < tried < 1.4 * wanted:
                 return wanted, found
         return wanted, None
+
+    def _next_size(self, buffer: EventBuffer, wanted: int | None) -> int:
+        """As `window_size`, of a recording whose end can be seen ahead."""
+        return self.window_size(buffer) if wanted is None else buffer.count_to_end(wanted, most=MOST_EVENTS)
 
     def window_size(self, buffer: EventBuffer, duration_us: int | None = None) -> int:
         """How many of the events to come the next window takes; 0 where none is left.

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "emseg/edge_directions.hpp"
 #include "emseg/model_selection.hpp"
 #include "emseg/motion_doubt.hpp"
 #include "emseg/pixel_footprint.hpp"
@@ -72,8 +73,9 @@ inline void check_sound(const Segmentation& result, std::size_t events) {
   }
 }
 
-// The energy of a result, written out: data, speed, places of what is tracked, edges between labels, labels
-// used.  `objects`: which of the tracked move by the result's models, or no_object; none where it is short.
+// The energy of a result, written out: data, doubt, places of what is tracked, graph edges between labels,
+// labels used.  `objects`: which of the tracked move by the result's models, or no_object; none where it is
+// short.
 inline std::int64_t written_out_energy(const Segmentation& result, const RecordedEvents& events,
                                        const SegmenterOptions& options,
                                        const std::vector<TrackedObject>& tracked = {},
@@ -85,7 +87,10 @@ inline std::int64_t written_out_energy(const Segmentation& result, const Recorde
     for (const std::uint8_t p : events.p) points.sign.push_back(p ? 1.0f : -1.0f);
   }
   const BlockGrid grid = make_block_grid(points.view(), plane, 8);
-  const MotionDoubt doubt(grid, points.view().seconds(), {.speed = options.lambda_speed});
+  // Labels go by edges that are plain, at half their weight.
+  const auto edges = edge_directions(structure_tensors(points.view(), grid, edge_slices), grid, 2);
+  const MotionDoubt doubt(grid, points.view().seconds(), {options.lambda_speed, options.lambda_edge / 2},
+                          edges);
   std::vector<std::vector<std::uint8_t>> expected;
   for (const TrackedObject& object : tracked)
     expected.push_back(where_expected(points.view(), object, frame, plane));

@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -72,7 +73,7 @@ Outcome alternated(const std::vector<MotionModel>& models, const AlternationOpti
   return {alternation.models(), alternation.labels(), alternation.trace(), alternation.reference()};
 }
 
-// What speed and place add to the cost of an event by a model, by the definition; blocks are of 8 px.
+// What doubt and place add to the cost of an event by a model, by the definition; blocks are of 8 px.
 std::int64_t prior_cost(std::size_t k, const std::vector<std::int32_t>& doubts, std::int32_t object,
                         const AlternationOptions& options) {
   const int column = std::clamp(static_cast<int>(window().points.x[k]) / 8, 0, 160 / 8 - 1);
@@ -87,13 +88,13 @@ std::int64_t prior_cost(std::size_t k, const std::vector<std::int32_t>& doubts, 
   return doubts[static_cast<std::size_t>(row * (160 / 8) + column)] + (astray ? options.place_cost : 0);
 }
 
-// The definition: data, speed, place, edges of the event graph, used labels; those from `first_free` on are
+// The definition: data, doubt, place, edges of the event graph, used labels; those from `first_free` on are
 // free.  `objects` move by the models of the outcome; none where it is short.
 std::int64_t defined_energy(const Outcome& outcome, const AlternationOptions& options,
                             std::size_t first_free = 1000, const std::vector<std::int32_t>& objects = {}) {
   IweWorkspace workspace;
   const BlockGrid grid = make_block_grid(Points{}.view(), plane, 8);
-  const MotionDoubt doubt(grid, window().points.view().seconds(), {.speed = options.speed_cost});
+  const MotionDoubt doubt(grid, window().points.view().seconds(), options.doubt, options.edges);
   std::int64_t energy = 0;
   for (std::size_t l = 0; l < outcome.models.size(); ++l) {
     ModelSupport support;
@@ -295,16 +296,27 @@ std::vector<std::uint8_t> left_half() {
   return flags;
 }
 
+// One way in the left half; to the right of it there is no telling.
+std::vector<EdgeDirection> edges_in_left_half(EdgeDirection direction) {
+  std::vector<EdgeDirection> edges;
+  for (int row = 0; row < 120 / 8; ++row) {
+    for (int column = 0; column < 160 / 8; ++column)
+      edges.push_back(column < 10 ? direction : EdgeDirection{});
+  }
+  return edges;
+}
+
 }  // namespace
 
-TEST_CASE("speed and places are part of the energy, of the labels, the refits and what is free") {
+TEST_CASE("speed, edges and places are part of the energy, of the labels, the refits and what is free") {
   for (const DataTerm term : terms) {
     for (const Labelling labelling : labellings) {
       CAPTURE(name_of(term));
       CAPTURE(name_of(labelling));
       AlternationOptions options = options_of(term, labelling);
       const std::vector<MotionModel> models{near_truth[2], near_truth[0], near_truth[1]};
-      options.speed_cost = 21;
+      options.doubt = {.speed = 21, .edge = 13};
+      options.edges = edges_in_left_half({0, 1});
       options.place_cost = 20;
       options.objects = {2, no_object, 1};
       // One that is nowhere, the one that is there, one that may be anywhere.
@@ -323,14 +335,17 @@ TEST_CASE("speed and places are part of the energy, of the labels, the refits an
         };
         CHECK(off(outcome.models[1]) < 0.5 * off(near_truth[1]));
       }
-      // Each of the two terms says something.
+      // Each of the three terms says something.
       AlternationOptions without = options;
-      without.speed_cost = 0;
+      without.doubt.speed = 0;
+      CHECK(outcome.energy() > defined_energy(outcome, without, 1000, left));
+      without = options;
+      without.edges.clear();
       CHECK(outcome.energy() > defined_energy(outcome, without, 1000, left));
       without = options;
       without.place_cost = 0;
       CHECK(outcome.energy() > defined_energy(outcome, without, 1000, left));
-      // A free model has its speed, and is no object's.
+      // A free model has its doubt, and is no object's.
       options.objects = {no_object};
       const Outcome with = alternated({scene_motion}, options, 2, {object_motion});
       REQUIRE(with.models.size() == 2);
@@ -382,8 +397,8 @@ TEST_CASE("the faster of two motions that are as good is dearer") {
   AlternationOptions options = options_of(DataTerm::logarithmic, Labelling::bands);
   options.iterations = 0;
   // Each explains its own as well as ever; the object's is the faster.
-  const auto events_of_object = [&](double speed_cost) {
-    options.speed_cost = speed_cost;
+  const auto events_of_object = [&](double speed) {
+    options.doubt.speed = speed;
     const Outcome outcome = alternated({scene_motion, object_motion}, options);
     CHECK(outcome.energy() == defined_energy(outcome, options));
     return std::ranges::count(outcome.labels, 1);
@@ -392,6 +407,31 @@ TEST_CASE("the faster of two motions that are as good is dearer") {
   const auto doubted = events_of_object(255);
   CHECK(fair > 0);
   CHECK(doubted < fair);
+}
+
+TEST_CASE("where edges run its way, a motion is dearer, and there alone") {
+  AlternationOptions options = options_of(DataTerm::logarithmic, Labelling::bands);
+  options.iterations = 0;
+  const auto events_of_object = [&](double edge, const std::vector<EdgeDirection>& edges) {
+    options.doubt.edge = edge;
+    options.edges = edges;
+    const Outcome outcome = alternated({scene_motion, object_motion}, options);
+    CHECK(outcome.energy() == defined_energy(outcome, options));
+    std::array<std::int64_t, 2> events{};  // in the left half, in the right
+    for (std::size_t k = 0; k < window().size(); ++k) {
+      if (outcome.labels[k] == 1) ++events[window().points.x[k] >= 80];
+    }
+    return events;
+  };
+  // Across the scene's motion, the object's goes 6 px along them.
+  const auto edges = edges_in_left_half({-0.38f, 0.925f});
+  const auto fair = events_of_object(0, edges);
+  const auto unclear = events_of_object(255, {});
+  const auto doubted = events_of_object(255, edges);
+  CHECK(fair[0] > 100);
+  CHECK(unclear == fair);
+  CHECK(doubted[0] < fair[0] / 2);
+  CHECK(doubted[1] > 0.9 * static_cast<double>(fair[1]));
 }
 
 TEST_CASE("labellings have names") {

@@ -1,6 +1,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <stdexcept>
 #include <thread>
@@ -19,8 +20,8 @@ SegmenterOptions published_images(SegmenterOptions options) {
   options.polarity = Polarity::ignored;
   options.footprint = Footprint::point;
   options.flicker = Flicker::kept;
-  options.axis_doubt = 0;
   options.lambda_speed = 0;
+  options.lambda_edge = 0;
   options.sigma = 1;
   return options;
 }
@@ -41,6 +42,24 @@ bool same(const Segmentation& a, const Segmentation& b) {
       return false;
   }
   return a.t_ref == b.t_ref && a.reference_sharpness == b.reference_sharpness;
+}
+
+std::vector<EdgeDirection> edges_of(const Points& points, double plain) {
+  const BlockGrid grid = make_block_grid(points.view(), plane, doubt_block);
+  return edge_directions(structure_tensors(points.view(), grid, edge_slices), grid, plain);
+}
+
+// Edges all down the view that drift with the scene, and an object that goes nearly along them before them.
+const RecordedEvents& behind_bars() {
+  static const RecordedEvents made = [] {
+    std::vector<Dots> dots;
+    for (int x = 12; x < 160; x += 24) dots.push_back({scene_motion, {x, -10, 2, 140}, 300, 12});
+    dots.push_back({Translation{{-40, 300}}, {60, 40, 40, 40}, 110, 12});
+    RecordedEvents events = object_before_scene(dots, 3);
+    std::ranges::fill(events.p, std::uint8_t{1});  // brighter all along
+    return events;
+  }();
+  return made;
 }
 
 }  // namespace
@@ -79,6 +98,27 @@ TEST_CASE("the energy is that of its definition, and never rose") {
       check_sound(result, events.size());
       // No free still model was added: the scene spans the view.
       CHECK(result.energy == written_out_energy(result, events, options));
+    }
+  }
+}
+
+TEST_CASE("the energy is that of its definition where edges are plain") {
+  const RecordedEvents& events = behind_bars();
+  WindowPrior prior;
+  prior.pool = {scene_motion, Translation{{-40, 300}}};
+  for (const Labelling labelling : {Labelling::bands, Labelling::exact}) {
+    for (const Polarity polarity : {Polarity::opposed, Polarity::ignored}) {
+      SegmenterOptions options = quiet_options();
+      options.labelling = labelling;
+      options.polarity = polarity;
+      const Segmentation result = segmented(events, options, prior);
+      check_sound(result, events.size());
+      CHECK(result.energy == written_out_energy(result, events, options));
+      SegmenterOptions without = options;
+      without.lambda_edge = 0;
+      CHECK(result.energy > written_out_energy(result, events, without));
+      const Segmentation trusting = segmented(events, without, prior);
+      CHECK(trusting.energy == written_out_energy(trusting, events, without));
     }
   }
 }
@@ -227,14 +267,15 @@ TEST_CASE("a given pool takes the place of the search, a given time that of the 
   CHECK(result.energy == written_out_energy(result, events, options));
 }
 
-TEST_CASE("the pool is searched with the segmenter's own settings") {
-  const RecordedEvents& events = two_motions();
+// That labels of the pool searched for are those of one made by hand, and others where it is made otherwise.
+void check_search(const RecordedEvents& events, double speed, double edge,
+                  const std::function<void(PoolOptions&)>& otherwise) {
   SegmenterOptions options = published_images(quiet_options());
   options.lambda_data = 1.5;
   options.lambda_label = 900;
   options.bracket_row = 3;
-  options.axis_doubt = 40;
-  options.lambda_speed = 255;
+  options.lambda_speed = speed;
+  options.lambda_edge = edge;
   PoolOptions by_hand;
   by_hand.bracket_row = options.bracket_row;
   by_hand.bracket_col = options.bracket_col;
@@ -244,9 +285,10 @@ TEST_CASE("the pool is searched with the segmenter's own settings") {
   by_hand.refine.contrast = {ContrastMeasure::mean_square, options.sigma};
   by_hand.lambda_data = options.lambda_data;
   by_hand.lambda_label = *options.lambda_label;
-  by_hand.doubt = {.axis = options.axis_doubt, .speed = options.lambda_speed};
+  by_hand.doubt = {.speed = options.lambda_speed, .edge = options.lambda_edge};
   by_hand.sigma = options.sigma;
   const Points points = make_points(events.view(), t_middle);
+  by_hand.edges = edges_of(points, 0.3);
   ThreadPool threads(2);
   WindowPrior prior;
   prior.t_ref = t_middle;
@@ -258,9 +300,14 @@ TEST_CASE("the pool is searched with the segmenter's own settings") {
   };
   const Segmentation searched = segmented(events, options, prior);
   CHECK(same(searched, of_pool_by_hand()));
-  // Speed makes a difference to what is searched, not to the labels alone.
-  by_hand.doubt.speed = 0;
+  otherwise(by_hand);
   CHECK(!same(searched, of_pool_by_hand()));
+}
+
+TEST_CASE("the pool is searched with the segmenter's own settings") {
+  // Speed and edges make a difference to what is searched, not to the labels alone.
+  check_search(two_motions(), 255, 40, [](PoolOptions& options) { options.doubt.speed = 0; });
+  check_search(behind_bars(), 15, 255, [](PoolOptions& options) { options.doubt.edge = 0; });
 }
 
 TEST_CASE("noise is marked where asked, and nothing else changes") {

@@ -92,6 +92,7 @@ TEST_CASE("tracked objects at places and times without bounds are survived") {
   dear.lambda_place = 1e9;
   dear.lambda_data = 1e6;
   dear.lambda_speed = 255;
+  dear.lambda_edge = 255;
   for (const SegmenterOptions& options : {SegmenterOptions{}, dear}) {
     for (const DataTerm term : {DataTerm::logarithmic, DataTerm::published}) {
       SegmenterOptions of_term = options;
@@ -145,14 +146,14 @@ TEST_CASE("what does not fit is refused by name") {
   CHECK(refused([](auto& o) { o.lambda_place = 2e9; }).find("lambda_place is 2000000000") == 0);
   CHECK(refused([](auto& o) { o.lambda_place = -1; }).find("lambda_place is -1") == 0);
   for (const double doubt : {-1.0, 255.5, nan}) {
-    CHECK(refused([&](auto& o) { o.axis_doubt = doubt; }).find("axis_doubt is ") == 0);
     CHECK(refused([&](auto& o) { o.lambda_speed = doubt; }).find("lambda_speed is ") == 0);
+    CHECK(refused([&](auto& o) { o.lambda_edge = doubt; }).find("lambda_edge is ") == 0);
   }
-  CHECK(refused([](auto& o) { o.axis_doubt = -1; }) == "axis_doubt is -1.000000, expected 0..255");
+  CHECK(refused([](auto& o) { o.lambda_edge = -1; }) == "lambda_edge is -1.000000, expected 0..255");
   CHECK(refused([](auto& o) { o.lambda_speed = 256; }) == "lambda_speed is 256.000000, expected 0..255");
   CHECK(refused([](auto& o) {
           o.tracked_share = 1;
-          o.axis_doubt = o.lambda_speed = 255;
+          o.lambda_speed = o.lambda_edge = 255;
           o.lambda_place = 1e9;
         }) == "");
   CHECK(refused([](auto& o) { o.bracket_row = 0; }).find("bracket_row is 0") == 0);

@@ -127,6 +127,7 @@ TEST_CASE("the energy is that of its definition where objects are expected") {
       options.lambda_label = 800;
       options.lambda_place = 17.6;
       REQUIRE(options.lambda_speed > 0);
+      REQUIRE(options.lambda_edge > 0);
       const Segmentation result = segmented(events, options, known({scene_motion}, tracked));
       check_sound(result, events.size());
       REQUIRE(result.models.size() == 2);

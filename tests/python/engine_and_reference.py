@@ -23,7 +23,7 @@ AS_PUBLISHED: dict[str, Any] = {
     "flicker": "kept",
     "background": "widest",
     "lambda_speed": 0.0,
-    "axis_doubt": 0.0,
+    "lambda_edge": 0.0,
     "sigma": 1.0,
 }
 KINDS = list(reference.DEGREES_OF_FREEDOM)

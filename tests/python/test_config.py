@@ -52,9 +52,9 @@ def test_copies_are_equal_and_checked() -> None:
         ("lambda_smooth", 10**400, "000, expected a number ≥ 0 ≤ 1e+06"),
         ("lambda_data", 0.0, "0.0, expected a number > 0 ≤ 1e+06"),
         ("lambda_label", float("inf"), "inf, expected a number ≥ 0 ≤ 1e+12, or null"),
-        ("axis_doubt", -0.5, "-0.5, expected a number ≥ 0 ≤ 255"),
-        ("axis_doubt", 256, "256, expected a number ≥ 0 ≤ 255"),
-        ("axis_doubt", None, "None, expected a number ≥ 0 ≤ 255"),
+        ("lambda_edge", -0.5, "-0.5, expected a number ≥ 0 ≤ 255"),
+        ("lambda_edge", 256, "256, expected a number ≥ 0 ≤ 255"),
+        ("lambda_edge", None, "None, expected a number ≥ 0 ≤ 255"),
         ("num_events_per_image", 5, "5, expected a whole number ≥ 10 ≤ 1e+08 events, or null"),
         ("num_events_per_image", 20.5, "20.5, expected a whole number"),
         ("num_events_per_image", 20.0, "20.0, expected a whole number"),
@@ -176,7 +176,7 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
             "num_events_per_image": st.none() | st.integers(10, 10**6),
             "lambda_data": st.floats(1e-6, 1e6),
             "lambda_label": st.none() | st.floats(0, 1e12),
-            "axis_doubt": st.floats(0, 255),
+            "lambda_edge": st.floats(0, 255),
             "affine_trans2d_max": st.floats(1e-3, 1e6),
             "data_term": st.sampled_from(["logarithmic", "published"]),
             "labelling": st.sampled_from(["bands", "exact"]),
@@ -234,7 +234,7 @@ def test_every_preset_is_as_published() -> None:
         assert config.max_events_per_window is None
         assert (config.polarity, config.footprint, config.flicker) == ("ignored", "point", "kept")
         assert (config.background, config.sigma, config.noise_label) == ("widest", 1.0, "off")
-        assert config.axis_doubt == 0
+        assert config.lambda_edge == 0
 
 
 def test_unknown_preset() -> None:
@@ -254,7 +254,7 @@ def test_every_field_is_explained() -> None:
 def test_fingerprint_ignores_only_threads() -> None:
     assert Config(threads=3).fingerprint() == Config().fingerprint()
     changes: dict[str, Any] = {
-        "axis_doubt": 1.0,
+        "lambda_edge": 1.0,
         "sigma": 2.0,
         "seed": 1,
         "noise_label": "off",
@@ -274,7 +274,7 @@ def test_the_engines_defaults_are_the_configs() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["lambda_smooth", "lambda_speed", "axis_doubt", "bracket_row", "affine_theta_max", "sigma", "threads"],
+    ["lambda_smooth", "lambda_speed", "lambda_edge", "bracket_row", "affine_theta_max", "sigma", "threads"],
 )
 def test_a_setting_reaches_the_engine(name: str) -> None:
     change: dict[str, Any] = {name: 3}

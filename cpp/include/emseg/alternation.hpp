@@ -32,7 +32,8 @@ struct AlternationOptions {
   std::int32_t smooth_cost = 30;          // lambda_P
   std::int64_t label_cost = 8000;         // lambda_M
   std::vector<std::int64_t> label_costs;  // of each model given, where they differ
-  double speed_cost = 0;                  // lambda_V, of an event (DoubtOptions::speed)
+  DoubtOptions doubt;                     // of what an event costs more by its motion
+  std::vector<EdgeDirection> edges;       // per block of doubt_block px, or none
   std::int32_t place_cost = 0;            // lambda_T, of an event
   std::vector<std::int32_t> objects;      // that move by each model given, or no_object; none: empty
   std::vector<std::vector<std::uint8_t>> expected;        // of each object, where_expected

@@ -20,12 +20,13 @@ struct PoolOptions {
   DataTerm term = DataTerm::logarithmic;
   double lambda_data = 1;
   double lambda_label = 8000;
-  double tracked_share = 1;  // of lambda_label, that a tracked model costs
-  DoubtOptions doubt;        // in units of the data term
-  double sigma = 1;          // blur of the data term's images, px
-  int block = 8;             // side of the blocks that models are chosen over, px
-  int tile = 64;             // side of the smallest sub-volumes, which overlap by half, px
-  double same_motion = 2.5;  // velocities closer than this, px over the window, count as one
+  double tracked_share = 1;          // of lambda_label, that a tracked model costs
+  DoubtOptions doubt;                // in units of the data term
+  std::vector<EdgeDirection> edges;  // per block of the plane, or none
+  double sigma = 1;                  // blur of the data term's images, px
+  int block = doubt_block;           // side of the blocks that models are chosen over, px
+  int tile = 64;                     // side of the smallest sub-volumes, which overlap by half, px
+  double same_motion = 2.5;          // velocities closer than this, px over the window, count as one
   std::size_t max_candidates = 64;
   std::size_t max_events = 16000;       // used of a window
   std::size_t max_refit_events = 2000;  // used of a model's

@@ -47,7 +47,7 @@ struct SegmenterOptions {
   double tracked_share = 0.5;  // of the cost of a label, that a tracked object's costs (WindowPrior)
   double lambda_place = 20;  // cost of an event of a tracked object's elsewhere, or of another's in its place
   double lambda_speed = 15;  // cost of an event for every e-fold of its way (DoubtOptions::speed)
-  double axis_doubt = 20;    // and in the pool's search by a motion along an axis (DoubtOptions::axis)
+  double lambda_edge = 50;   // and of its way along edges (DoubtOptions::edge); half as much in the labels
   Polarity polarity = Polarity::opposed;
   Footprint footprint = Footprint::scattered;
   Flicker flicker = Flicker::left_out;
