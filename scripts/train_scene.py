@@ -24,6 +24,8 @@ from scipy.optimize import minimize
 import emseg
 from emseg import scene
 from emseg.metrics import event_moving_iou
+from emseg.parts import Window, find_parts
+from emseg.still_scene import sight, still_motion
 from emseg.tracking import Tracker
 
 Array = npt.NDArray[np.float64]
@@ -101,12 +103,12 @@ def examples_of(path: Path) -> list[Example]:
         events = emseg.EventArray(*(data[c][first:last] for c in "xytp"), width=width, height=height)
         found = segmenter.find_motions(events)
         groups, _ = tracker.split(events, found.labels, found.models, found.t_ref)
-        parts = [p for p in scene.find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]
+        parts = [p for p in find_parts(events, groups) if len(p.own) >= scene.MIN_EVENTS]
         if not parts:
             continue
         seconds = 1e-6 * max(1, int(events.t[-1] - events.t[0]))
         loss = partial(segmenter.motion_losses, t_ref=found.t_ref, duration=seconds)
-        window = scene.Window(events, seconds, loss)
+        window = Window(events, seconds, loss)
         owners = data["label"][first:last].astype(np.int16)
         large = sorted(range(len(parts)), key=lambda k: -parts[k].area)[:4]
         part_of_event = np.full(len(events), -1, np.int16)
@@ -118,7 +120,8 @@ def examples_of(path: Path) -> list[Example]:
         if still:
             own = np.array([scene.appearance(part, window) for part in still])
             firm = [scene.firmness(part, window) for part in still]
-            flow = scene.still_motion(still, window, scene.ambiguity(own), firm)
+            sights = [sight(part, window) for part in still]
+            flow = still_motion(still, window, scene.ambiguity(own), firm, sights)
             largest = max(still, key=lambda p: p.area)
             scene_features = np.array([scene.motion_against(p, largest, window, flow) for p in parts])
         examples.append(

@@ -16,29 +16,27 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import Any, Final, Protocol
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from emseg import _core
-from emseg.camera import Camera
 from emseg.events import EventArray
-from emseg.motion import MotionModel, undistorted, warp_frame
-from emseg.rigid_motion import doubt_of_layers, fit_rigid_motion, layers_of
+from emseg.layers import layer_doubt
+from emseg.motion import MotionModel
+from emseg.parts import TILE, Features, Part, Window
+from emseg.still_scene import agreed_motion, sight, still_motion
 
 __all__ = [
     "MIN_EVENTS",
-    "LossFunction",
-    "Part",
+    "STILL",
     "Perceptron",
     "ambiguity",
     "appearance",
     "choose_background",
-    "find_parts",
     "firmness",
-    "layer_doubt",
     "motion_against",
     "moving_logits",
     "parallax_doubt",
@@ -54,15 +52,10 @@ _FIRM: Final = 0.05  # nats an event that what lies still loses by moving a litt
 _SLOW: Final = 4.0  # px over the window that an object seen from a moving camera goes against the scene
 _SLOW_DOUBT: Final = 2.0  # logit of a part for every px below that
 _DOUBT: Final = 8.0  # logit of a part that has not gone at all
-_LAYER_EVENTS: Final = 100  # of a part whose flow says something of the camera's motion
-_LAYER_AREA: Final = 0.015  # share of the view from which on a part is a layer of its own
-_MOST_LAYERS: Final = 12  # parts that the camera's motion is taken from
-_STRANGE: Final = 2.5  # standard deviations that no motion of the camera explains
-_COMPANY: Final = 2.0  # how much the area of what is strange counts against that of what it touches
+_EXPECTED: Final = 4.0  # logit of a part that lies where moving objects are expected
 
 STILL: Final = MotionModel("translation", (0.0, 0.0))
 
-_TILE: Final = 16  # px
 _LARGE: Final = 0.03  # share of the view that a background fills at least
 _BORDER: Final = 6  # px
 _NEAR, _FAR = 2.0, 4.0  # px over the window that parallax may add
@@ -72,165 +65,6 @@ _RING: Final = [(0.0, 0.0)] + [
     for angle in np.arange(8) * np.pi / 4
 ]
 _FAR_RING: Final = 9  # where the ring at _FAR begins
-
-Features = npt.NDArray[np.float64]
-
-
-class LossFunction(Protocol):
-    """Nats an event that another motion loses against the events' own, once for every offset of it."""
-
-    def __call__(
-        self,
-        events: EventArray,
-        own: MotionModel,
-        other: MotionModel,
-        offsets: Sequence[tuple[float, float]],
-    ) -> list[float]:
-        """Offsets are displacements over the window, px."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """Events of one motion that lie together.
-
-    Attributes:
-        own: Indices of its events in the window.
-        model: Their motion.
-        tiles: Tiles of the sensor in which most events are its, bool (rows, columns).
-        box: Left, top, right, bottom of all but its outermost events, px.
-    """
-
-    own: npt.NDArray[np.intp]
-    model: MotionModel
-    tiles: npt.NDArray[np.bool_]
-    box: tuple[float, float, float, float]
-
-    @cached_property
-    def area(self) -> float:
-        """Share of the sensor's tiles."""
-        return float(self.tiles.mean())
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Of the box, px."""
-        left, top, right, bottom = self.box
-        return (left + right) / 2, (top + bottom) / 2
-
-    def touches(self, other: Part) -> bool:
-        """Whether tiles of the two are the same or side by side."""
-        grown = other.tiles.copy()
-        grown[1:] |= other.tiles[:-1]
-        grown[:-1] |= other.tiles[1:]
-        grown[:, 1:] |= other.tiles[:, :-1]
-        grown[:, :-1] |= other.tiles[:, 1:]
-        return bool((self.tiles & grown).any())
-
-
-def find_parts(events: EventArray, groups: Sequence[tuple[npt.NDArray[np.intp], MotionModel]]) -> list[Part]:
-    """Parts of a window, from the indices of the events and the motion of each."""
-    columns, size = (events.x, events.y, events.t), (events.width, events.height)
-    winner = _core.winners_of_tiles(*columns, [own for own, _ in groups], *size, _TILE)
-    return [
-        Part(own, model, winner == number, _core.inner_box(*columns, own, *size))
-        for number, (own, model) in enumerate(groups)
-    ]
-
-
-def _some_events(events: EventArray, part: Part, most: int = 600) -> EventArray:
-    """Events of a part, evenly from its first to its last."""
-    own = part.own
-    if len(own) > most:
-        own = own[np.linspace(0, len(own) - 1, most).astype(np.intp)]
-    return events[own]
-
-
-class Window:
-    """What the features of a window's parts are taken from.
-
-    Args:
-        events: The window.
-        duration: Its length, s.
-        loss: The engine's.
-        camera: The camera, if there is one.
-    """
-
-    def __init__(
-        self, events: EventArray, duration: float, loss: LossFunction, camera: Camera | None = None
-    ) -> None:
-        self.events = events
-        self.duration = duration
-        self.loss = loss
-        self.camera = camera
-        self._frame = warp_frame(events, camera)
-        self._samples: dict[int, tuple[Part, EventArray]] = {}
-
-    def sample(self, part: Part) -> EventArray:
-        """Some of a part's events, which are looked at again and again."""
-        if id(part) not in self._samples:
-            self._samples[id(part)] = part, _some_events(self.events, part)
-        return self._samples[id(part)][1]
-
-    def displacement(self, model: MotionModel, x: float, y: float) -> npt.NDArray[np.float64]:
-        """Of what is at (x, y) px by a motion over the window, px."""
-        if self.camera is not None:
-            x, y = undistorted(np.array([[x, y]]), self.events, self.camera)[0].tolist()
-        velocity = _core.image_velocity(*model.native(), self._frame, x, y)
-        return np.array(velocity) * self.duration
-
-    def displacements(self, model: MotionModel, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """As `displacement`, of places (n, 2): (n, 2)."""
-        places = undistorted(places, self.events, self.camera)
-        return _core.image_velocities(*model.native(), self._frame, places) * self.duration
-
-
-def still_motion(
-    parts: Sequence[Part],
-    window: Window,
-    ambiguous: Sequence[float] | Features,
-    firm: Sequence[float] | Features,
-) -> MotionModel:
-    """One planar motion for all of several parts that stand still, each weighing by its area and firmness.
-
-    A camera before a plane, or one that only turns, sees a flow of eight parameters, second order in the
-    image's coordinates.  They are fitted to the displacements of the parts at their tiles by least squares
-    with Cauchy weights.  Of a part whose motion is `ambiguous` (0 to 1), what lies along that motion counts
-    less.
-    """
-    events = window.events
-    places, flows, weights, ways = [], [], [], []
-    for part, doubt, trust in zip(parts, ambiguous, firm, strict=True):
-        y, x = np.nonzero(part.tiles)
-        at: npt.NDArray[np.float64] = (np.column_stack([x, y]).astype(np.float64) + 0.5) * _TILE
-        at = at[:: max(1, len(at) // 12)] if len(at) else np.array([part.centre])
-        places.append(at)
-        flows.append(window.displacements(part.model, at))
-        way = window.displacement(part.model, *part.centre)
-        way = way / max(1e-6, float(np.linalg.norm(way)))
-        ways.append(np.tile(np.eye(2) - 0.99 * doubt * np.outer(way, way), (len(at), 1, 1)))
-        weights.append(np.full(len(at), trust * (part.area + 1e-3) / len(at)))
-    flow, weight, way = np.concatenate(flows), np.concatenate(weights), np.concatenate(ways)
-    r = np.concatenate(places) - [(events.width - 1) / 2, (events.height - 1) / 2]
-    f0 = max(events.width, events.height)
-    one, zero, (x, y) = np.ones(len(r)), np.zeros(len(r)), r.T
-    terms = np.stack(
-        [
-            np.column_stack([one, zero, x, y, zero, zero, x * x / f0, x * y / f0]),
-            np.column_stack([zero, one, zero, zero, x, y, x * y / f0, y * y / f0]),
-        ],
-        axis=1,
-    )
-    terms, flow = way @ terms, (way @ flow[..., None])[..., 0]  # (n, 2, 8) and (n, 2)
-    # What few tiles leave open stays near no shear and no perspective.
-    calm = np.diag([0.0, 0.0, *[0.05 * f0] * 6]) * 0.1
-    robust = np.ones(len(r))
-    for _ in range(4):
-        scale = np.sqrt(weight / weight.sum() * robust)
-        rows = np.concatenate([(terms * scale[:, None, None]).reshape(-1, 8), calm])
-        values = np.concatenate([(flow * scale[:, None]).ravel(), np.zeros(8)])
-        fitted = np.linalg.lstsq(rows, values, rcond=None)[0]
-        error = np.linalg.norm(terms @ fitted - flow, axis=1)
-        robust = 1 / (1 + (error / 2) ** 2)
-    return MotionModel("homography", tuple(float(v) for v in fitted / window.duration))
 
 
 def appearance(part: Part, window: Window) -> Features:
@@ -249,7 +83,7 @@ def appearance(part: Part, window: Window) -> Features:
     speed = math.hypot(*along)
     # An edge that nearly follows the columns of pixels looks as if it moved along itself, fast, but stays.
     went = _core.share_gone(events.x, events.y, events.t, part.own, *along)
-    density = len(part.own) / max(1.0, float(part.tiles.sum()) * _TILE**2)
+    density = len(part.own) / max(1.0, float(part.tiles.sum()) * TILE**2)
     across = min(2.0, float(np.abs(along).min()))
     beyond = _beyond(part, events, along) if speed > 5 else 0.0
     return np.array(
@@ -370,7 +204,7 @@ def choose_background(areas: Sequence[float], own: Features, logits: Features, f
         logits: That they move, (n,).
         firm: How firmly they hold to their motions, (n,).
     """
-    still = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
+    still = _stillness(logits)
     score = np.sqrt(areas) * still * (1 - _AVOID * ambiguity(own)) * firm
     score[(np.array(areas) < _LARGE) | (still < 0.25)] = 0
     return int(score.argmax()) if len(score) and score.max() > 0 else None
@@ -400,81 +234,53 @@ def firmness(part: Part, window: Window) -> float:
     return min(1.0, max(0.1, float(np.mean(lost)) / _FIRM)) ** 2
 
 
-def moving_logits(parts: Sequence[Part], window: Window) -> tuple[Features, Part | None, MotionModel]:
+def moving_logits(
+    parts: Sequence[Part], window: Window, expected: npt.NDArray[np.bool_] | None = None
+) -> tuple[Features, Part | None, MotionModel]:
     """How likely each part is to move by itself, as logits; the part taken for the background; its motion.
 
     The camera comes first: what surely stands still by one part's motion gives the motion of all, against
     which every part is held again.
+
+    Args:
+        parts: Of the window.
+        window: What they are parts of.
+        expected: Tiles in which objects that moved before should be now: not the background's.
     """
     if not parts:
         return np.empty(0), None, STILL
     by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
     firm = np.array([firmness(part, window) for part in parts])
-    chosen = choose_background([part.area for part in parts], own, by_appearance(own), firm)
+    taken = _EXPECTED * np.array([_share(part.tiles, expected) for part in parts])
+    areas = [part.area for part in parts]
+    logits = by_appearance(own) + taken
+    chosen = choose_background(areas, own, logits, firm)
     if chosen is None:
         against = np.array([motion_against(part, None, window) for part in parts])
         return by_part(np.hstack([own, against])), None, STILL
     background = parts[chosen]
-    against = np.array([motion_against(part, background, window) for part in parts])
-    logits = by_part(np.hstack([own, against])) - _doubt(own)
+    sights = [sight(part, window) for part in parts]
+    agreed = agreed_motion(parts, chosen, window, sights, np.array(areas) * firm * _stillness(logits))
+    against = np.array([motion_against(part, background, window, agreed) for part in parts])
+    logits = by_part(np.hstack([own, against])) - _doubt(own) + taken
     still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
-    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still])
+    clear = [sights[k] for k in still]
+    reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still], clear)
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     logits = by_scene(np.hstack([own, against])) - _doubt(own) - parallax_doubt(against)
     logits -= layer_doubt(parts, window, chosen, firm * (1 - ambiguity(own)), logits)
     return logits, background, reference
 
 
-def layer_doubt(
-    parts: Sequence[Part], window: Window, background: int, firm: Features, logits: Features
-) -> Features:
-    """Of parts that one rigid motion of the camera explains together with other layers of the still scene.
-
-    Args:
-        parts: Of the window.
-        window: What they are parts of.
-        background: Which of them surely stands still.
-        firm: How firmly they hold to their motions, 0 where these are ambiguous, (n,).
-        logits: That they move, without this doubt, (n,).
-    """
-    doubt = np.zeros(len(parts))
-    known = [k for k, part in enumerate(parts) if len(part.own) >= _LAYER_EVENTS and firm[k] > 0.1]
-    used = sorted(known, key=lambda k: -parts[k].area)[:_MOST_LAYERS]
-    areas = np.array([parts[k].area for k in used])
-    clear = (areas >= _LAYER_AREA) & (firm[used] > 0.3)
-    if clear.sum() < 3 or background not in used or np.delete(logits, background).max() < _SURELY_STILL:
-        return doubt
-    places: Features = np.stack([_some_places(parts[k]) for k in used])
-    flows = np.stack([window.displacements(parts[k].model, at) for k, at in zip(used, places, strict=True)])
-    if len(layers_of(np.hypot(*flows.mean(axis=1).T))) < 3:
-        return doubt
-    events, camera = window.events, window.camera
-    if camera is None:
-        middle = ((events.width - 1) / 2, (events.height - 1) / 2)
-        focal_length = float(max(events.width, events.height))
-    else:
-        places = undistorted(places.reshape(-1, 2), events, camera).reshape(places.shape)
-        middle, focal_length = (camera.cx, camera.cy), (camera.fx + camera.fy) / 2
-    motion = fit_rigid_motion(places - middle, flows, np.sqrt(areas + 1e-3) * firm[used], focal_length)
-    doubt[used] = doubt_of_layers(motion, areas, clear=clear, background=used.index(background))
-    # Limbs of a body that partly moves as the camera would have it belong with the others.
-    strange = [
-        parts[k] for k, error in zip(used, motion.errors, strict=True) if error > _STRANGE and logits[k] > 0
-    ]
-    for k in used:
-        company = sum(part.area for part in strange if part is not parts[k] and part.touches(parts[k]))
-        doubt[k] *= parts[k].area / (parts[k].area + _COMPANY * company + 1e-9)
-    return doubt
+def _share(tiles: npt.NDArray[np.bool_], expected: npt.NDArray[np.bool_] | None) -> float:
+    """Of a part's tiles, that are expected ones."""
+    return 0.0 if expected is None or not tiles.any() else float(expected[tiles].mean())
 
 
-def _some_places(part: Part) -> Features:
-    """Places (3, 2) in a part, px: of its tiles from the top to the bottom, or its middle."""
-    y, x = np.nonzero(part.tiles)
-    if not len(x):
-        return np.tile(part.centre, (3, 1))
-    some = np.linspace(0, len(x) - 1, 3).astype(np.intp)
-    return (np.column_stack([x[some], y[some]]).astype(np.float64) + 0.5) * _TILE
+def _stillness(logits: Features) -> Features:
+    still: Features = 1 / (1 + np.exp(np.clip(logits, -50, 50)))
+    return still
 
 
 def parallax_doubt(against: Features) -> Features:

@@ -14,7 +14,8 @@ from emseg import _core
 from emseg.camera import Camera
 from emseg.events import EventArray
 from emseg.motion import MotionModel, warp_some
-from emseg.scene import Part, Window, find_parts, moving_logits
+from emseg.parts import TILE, Part, Window, find_parts
+from emseg.scene import moving_logits
 
 __all__ = ["BOX_DTYPE", "Objects", "TrackedMotion", "Tracker", "bounding_box"]
 
@@ -26,6 +27,7 @@ MEMORY_US: Final = 300_000
 
 _HALF_FORGOTTEN_US: Final = 30_000  # age at which a track's number counts half
 _MEMORY: Final = 0.7  # share of the evidence of earlier windows that counts in the next
+_LATE_US: Final = 100_000  # how long an object that is not seen is expected where it would have gone, µs
 _WENT: Final = 1.5  # weight of where a part went
 _TOLD_APART: Final = 8.0  # px between two windows, from which on that can be told
 _PLACES: Final = 400  # events of a part, at the most, whose places are remembered
@@ -180,18 +182,20 @@ class Tracker:
         duration = max(1, int(events.t[-1] - events.t[0])) * 1e-6 if len(events) else 1e-6
         loss = partial(self._loss, t_ref=t_ref, duration=duration) if self._loss else _no_loss
         window = Window(events, duration, loss, self._camera)
+        expected: list[tuple[_Track, npt.NDArray[np.bool_]]] = []
         if self._loss is None:
             logits = np.array([np.inf if part.model.label else -np.inf for part in parts])
             background, still_model = None, models[0]
         else:
-            logits, background, still_model = moving_logits(parts, window)
+            expected = self._expected(events, t_ref)
+            taken = np.any([tiles for _, tiles in expected], axis=0) if expected else None
+            logits, background, still_model = moving_logits(parts, window, taken)
 
         boxes = [bounding_box(warp_some(events, p.own, p.model, t_ref, camera=self._camera)) for p in parts]
         seen = self._match(boxes, [part is background for part in parts], t_ref)
         evidence = [
-            logit
-            + (_MEMORY * track.evidence + _went(track, box, window, still_model, t_ref) if track else 0.0)
-            for logit, box, track in zip(logits, boxes, seen, strict=True)
+            logit + self._evidence_before(part, box, track, window, still_model, expected, t_ref)
+            for logit, part, box, track in zip(logits, parts, boxes, seen, strict=True)
         ]
         # An object lives on by less than it is born by.
         least = [0.0 if track and track.number else self._least_evidence for track in seen]
@@ -222,6 +226,41 @@ class Tracker:
                 )
         self._tracks = [track for track in self._tracks if t_ref - track.seen <= MEMORY_US]
         return found
+
+    def _expected(self, events: EventArray, t_ref: int) -> list[tuple[_Track, npt.NDArray[np.bool_]]]:
+        """The tracks of objects seen of late, and the tiles in which their events should be now."""
+        shape = np.array([-(-events.height // TILE), -(-events.width // TILE)])
+        expected = []
+        for track in self._tracks:
+            age = t_ref - track.seen
+            if not (track.number and track.evidence > 0 and len(track.places) and age < _LATE_US):
+                continue
+            at = ((track.places + track.velocity * (age * 1e-6)) // TILE).astype(np.intp)[:, ::-1]
+            tiles = np.zeros(shape, bool)
+            tiles[tuple(at[((at >= 0) & (at < shape)).all(axis=1)].T)] = True
+            expected.append((track, tiles))
+        return expected
+
+    def _evidence_before(
+        self,
+        part: Part,
+        box: Box,
+        track: _Track | None,
+        window: Window,
+        background: MotionModel,
+        expected: Sequence[tuple[_Track, npt.NDArray[np.bool_]]],
+        t_ref: int,
+    ) -> float:
+        """That a part moves, by its own track, or else by that of an object where it lies and goes alike."""
+        if track:
+            return _MEMORY * track.evidence + _went(track, box, window, background, t_ref)
+        best = 0.0
+        own, still = (window.displacement(m, *part.centre) for m in (part.model, background))
+        for other, tiles in expected if part.tiles.any() else []:
+            way = other.velocity * window.duration
+            if np.linalg.norm(own - way) <= 0.5 * np.linalg.norm(still - way):
+                best = max(best, other.evidence * float(tiles[part.tiles].mean()))
+        return _MEMORY * best
 
     def motions(self) -> list[TrackedMotion]:
         """Last known motions of the objects that are remembered, each once, and where it was seen."""

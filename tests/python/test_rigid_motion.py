@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 import emseg
 from emseg import EventArray, MotionModel
+from emseg.layers import layer_doubt
+from emseg.parts import Part, Window
 from emseg.rigid_motion import RigidMotion, doubt_of_layers, fit_rigid_motion, layers_of
-from emseg.scene import Part, Window, layer_doubt
 
 FOCAL_LENGTH = 240.0
 SIDEWAYS, UP, AHEAD = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)

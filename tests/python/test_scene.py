@@ -1,4 +1,4 @@
-"""What stands still and what moves: parts, the flow of all that is still, and the classifiers' answers."""
+"""What stands still and what moves: features of parts, and the classifiers' answers."""
 
 from __future__ import annotations
 
@@ -8,193 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from windows_of_parts import HEIGHT, ROWS, WIDTH, events_at, no_loss
 
 import emseg
 from emseg import EventArray, MotionModel
+from emseg.parts import Part, Window, find_parts
 from emseg.scene import (
     STILL,
-    Part,
     Perceptron,
-    Window,
     ambiguity,
     appearance,
     choose_background,
-    find_parts,
     firmness,
     moving_logits,
     parallax_doubt,
-    still_motion,
 )
-
-WIDTH, HEIGHT = 320, 240
-ROWS, COLUMNS = 15, 20  # tiles of 16 px
-
-
-def events_at(places: np.ndarray, t: np.ndarray | None = None, *, size: tuple[int, int]) -> EventArray:
-    times = np.arange(len(places)) if t is None else t
-    signs = np.zeros(len(places), np.uint8)
-    return EventArray(*np.rint(places).astype(np.int64).T, times, signs, width=size[0], height=size[1])
-
-
-def no_loss(*_: object) -> list[float]:
-    raise AssertionError("nothing is held against another motion here")
-
-
-def test_tiles_belong_to_who_has_most_of_their_events() -> None:
-    """Four tiles of a sensor of 40 x 20: 16, 16 and 8 px wide, 16 and 4 high."""
-    places = [(3, 3)] * 5 + [(4, 9)] * 6 + [(20, 3)] * 4 + [(39, 19)] * 3 + [(3, 18)] * 2
-    events = events_at(np.array(places), size=(40, 20))
-    first = np.r_[0:5, 11:15, 18:20]  # five in the first tile, four in the second, two below
-    second = np.r_[5:11, 15:18]  # six in the first, three in the last
-    groups = [(first, MotionModel("translation", label=0)), (second, MotionModel("translation", label=1))]
-    a, b = find_parts(events, groups)
-    assert a.tiles.tolist() == [[False, True, False], [False, False, False]]  # two events make no tile
-    assert b.tiles.tolist() == [[True, False, False], [False, False, True]]
-    assert (a.area, b.area) == (1 / 6, 2 / 6)
-    assert a.box == (3.0, 3.0, 20.0, 18.0)
-    assert b.centre == ((4 + 39) / 2, (9 + 19) / 2)
-
-
-@pytest.mark.parametrize("count", [1, 10])
-def test_parts_of_a_few_events(count: int) -> None:
-    events = events_at(np.full((count, 2), 7), size=(40, 20))
-    (part,) = find_parts(events, [(np.arange(count), STILL)])
-    assert part.tiles.sum() == (count > 2)
-    assert part.box == (7.0, 7.0, 7.0, 7.0)
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        MotionModel("translation", (120.0, -80.0)),
-        MotionModel("similarity", (120.0, -80.0, 0.4, -0.7)),
-        MotionModel("affine", (50.0, 20.0, 0.3, -0.2, 0.5, 0.1)),
-        MotionModel("homography", (50.0, 20.0, 0.3, -0.2, 0.5, 0.1, 0.6, -0.4)),
-    ],
-    ids=lambda model: model.kind,
-)
-@pytest.mark.parametrize(
-    "camera",
-    [None, emseg.Camera(WIDTH, HEIGHT, fx=250, fy=260, cx=150, cy=130, distortion=(-0.3, 0.1, 0, 0))],
-    ids=["plain", "camera"],
-)
-def test_displacements_are_where_warps_bring_events_from(
-    model: MotionModel, camera: emseg.Camera | None
-) -> None:
-    places = np.array([[0.0, 0.0], [100.0, 30.0], [319.0, 239.0]])
-    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss, camera)
-    # An event as much before the reference time as another after it.
-    both = events_at(np.tile(places, (2, 1)), np.repeat([0, 40_000], 3), size=(WIDTH, HEIGHT))
-    moved = emseg.warp(both, model, 20_000, camera=camera)
-    many = window.displacements(model, places)
-    np.testing.assert_allclose(many, moved[:3] - moved[3:], atol=1e-3)
-    for place, displacement in zip(places, many, strict=True):
-        np.testing.assert_array_equal(window.displacement(model, *place), displacement)
-
-
-def tiles_part(model: MotionModel, rows: slice, columns: slice) -> Part:
-    tiles = np.zeros((ROWS, COLUMNS), bool)
-    tiles[rows, columns] = True
-    return Part(np.arange(100), model, tiles, (0.0, 0.0, 0.0, 0.0))
-
-
-def flow_of(params: tuple[float, ...], place: np.ndarray) -> np.ndarray:
-    """Planar flow, px/s: linear, and second order over the sensor's longer side."""
-    x, y = place[:, 0] - (WIDTH - 1) / 2, place[:, 1] - (HEIGHT - 1) / 2
-    vx, vy, a, b, c, d, g, h = params
-    perspective = (g * x + h * y) / WIDTH
-    return np.stack([vx + a * x + b * y + perspective * x, vy + c * x + d * y + perspective * y], axis=-1)
-
-
-def planar_parts(params: tuple[float, ...]) -> list[Part]:
-    """Parts of three by four tiles, each with the translation that a planar motion has in its middle."""
-    parts = []
-    for row in range(0, ROWS, 3):
-        for column in range(0, COLUMNS, 4):
-            middle = np.array([[(column + 2) * 16.0, (row + 1.5) * 16.0]])
-            velocity = flow_of(params, middle)[0].tolist()
-            parts.append(
-                tiles_part(
-                    MotionModel("translation", velocity), slice(row, row + 3), slice(column, column + 4)
-                )
-            )
-    return parts
-
-
-PLANAR = (200.0, -100.0, 0.8, -0.5, 0.6, 0.9, 0.7, -0.6)
-
-
-def worst_error(
-    parts: list[Part],
-    params: tuple[float, ...],
-    ambiguous: list[float] | None = None,
-    firm: list[float] | None = None,
-) -> float:
-    """Of the flow found over the middle of the view, px over a window of 40 ms."""
-    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
-    found = still_motion(parts, window, ambiguous or [0.0] * len(parts), firm or [1.0] * len(parts))
-    assert found.kind == "homography"
-    places = np.stack(np.meshgrid([60.0, 160.0, 260.0], [60.0, 120.0, 180.0]), axis=-1).reshape(-1, 2)
-    expected = flow_of(params, places) * window.duration
-    return float(np.linalg.norm(window.displacements(found, places) - expected, axis=1).max())
-
-
-def test_still_motion_is_the_planar_motion_of_its_parts() -> None:
-    assert (
-        np.linalg.norm(flow_of(PLANAR, np.array([[60.0, 60.0]])) - PLANAR[:2]) * 0.04 > 4
-    )  # far from uniform
-    assert worst_error(planar_parts(PLANAR), PLANAR) < 0.5
-
-
-def test_one_false_part_hardly_bends_the_motion_of_the_others() -> None:
-    parts = planar_parts(PLANAR)
-    true = worst_error(parts, PLANAR)
-    false = MotionModel("translation", (-2000.0, 3000.0))  # 144 px over the window
-    parts[7] = Part(parts[7].own, false, parts[7].tiles, parts[7].box)
-    assert worst_error(parts, PLANAR) < true + 0.25
-
-
-def stripes(*motions: tuple[float, float], period: int) -> list[Part]:
-    """Columns of tiles of one translation each, in turn: the last of a period is the last motion's."""
-    models = [MotionModel("translation", velocity) for velocity in motions]
-    return [
-        tiles_part(models[min(column % period, len(models) - 1)], slice(0, ROWS), slice(column, column + 1))
-        for column in range(COLUMNS)
-    ]
-
-
-def test_along_an_ambiguous_motion_the_other_parts_have_the_say() -> None:
-    """Two thirds of the view seem to go 36 px along the columns, where 1.2 px are true."""
-    true, false = (0.0, 30.0), (0.0, 900.0)
-    parts = stripes(true, false, false, period=3)
-    doubted = [float(part.model.params[1] == 900) for part in parts]
-    planar = (*true, *[0.0] * 6)
-    assert worst_error(parts, planar, doubted) < 0.5
-    assert worst_error(parts, planar) > 5
-
-
-def test_across_their_motions_ambiguous_parts_count_in_full() -> None:
-    """Edges along the columns say that nothing goes across them, those along the rows the like."""
-    parts = stripes((0.0, 900.0), (-900.0, 0.0), period=2)
-    assert worst_error(parts, (0.0,) * 8, [1.0] * len(parts)) < 0.5
-    assert worst_error(parts, (0.0,) * 8) > 5
-
-
-def test_firm_parts_have_the_say() -> None:
-    """Two thirds of the view seem to go 36 px down, but hardly hold to that."""
-    parts = stripes((0.0, 30.0), (0.0, 900.0), (0.0, 900.0), period=3)
-    firm = [1.0 if part.model.params[1] == 30 else 0.1 for part in parts]
-    planar = (0.0, 30.0, *[0.0] * 6)
-    assert worst_error(parts, planar, firm=firm) < 0.5
-    assert worst_error(parts, planar) > 5
-
-
-def test_where_all_are_as_firm_it_does_not_matter_how_firm() -> None:
-    window = Window(events_at(np.zeros((1, 2)), size=(WIDTH, HEIGHT)), 0.04, no_loss)
-    parts = planar_parts(PLANAR)
-    sure = [0.0] * len(parts)
-    firm, loose = (still_motion(parts, window, sure, [value] * len(parts)) for value in (1.0, 0.1))
-    np.testing.assert_allclose(loose.params, firm.params, rtol=1e-9)
 
 
 def test_a_perceptron_by_hand() -> None:
@@ -383,6 +211,18 @@ def test_a_patch_moves_before_a_plane_that_stands_still() -> None:
     assert logits[0] < 0 < logits[1]
     window = Window(events, 0.05, no_loss)
     np.testing.assert_allclose(window.displacement(still, 160, 120), (7.5, 2.0), atol=0.1)
+
+
+def test_what_lies_where_objects_are_expected_is_not_the_background() -> None:
+    events, truth = plane_and_patch()
+    models = [MotionModel("translation", (150.0, 40.0), 0), MotionModel("translation", (-160.0, 170.0), 1)]
+    left = (truth == 0) & (events.x < 200)
+    groups = [(np.flatnonzero(left), models[0]), (np.flatnonzero((truth == 0) & ~left), models[0])]
+    parts = find_parts(events, [*groups, (np.flatnonzero(truth == 1), models[1])])
+    window = window_of(events)
+    nowhere = np.zeros_like(parts[0].tiles)
+    assert moving_logits(parts, window, nowhere)[1] is parts[0]
+    assert moving_logits(parts, window, parts[0].tiles)[1] is parts[1]
 
 
 def test_points_that_lie_still_are_firm_and_noise_is_not() -> None:

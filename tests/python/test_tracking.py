@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import linear_sum_assignment
 
 from emseg import Camera, EventArray, MotionModel, scene, tracking
-from emseg.scene import Part
+from emseg.parts import Part, Window
 from emseg.tracking import Objects, Tracker, best_pairs
 
 
@@ -77,8 +77,10 @@ def told(monkeypatch: pytest.MonkeyPatch) -> ToldTracker:
     def make(logits: Sequence[float]) -> Tracker:
         answers = iter(logits)
 
-        def answer(parts: Sequence[Part], _: scene.Window) -> tuple[np.ndarray, Part, MotionModel]:
-            return np.array([-9.0, next(answers)]), parts[0], scene.STILL
+        def answer(
+            parts: Sequence[Part], *_: Window | np.ndarray | None
+        ) -> tuple[np.ndarray, Part, MotionModel]:
+            return np.array([-9.0, *[next(answers)] * (len(parts) - 1)]), parts[0], scene.STILL
 
         monkeypatch.setattr(tracking, "moving_logits", answer)
         return Tracker(320, 240, loss=lambda *_, **__: [0.0])
@@ -188,6 +190,17 @@ def test_evidence_of_earlier_windows_counts(
         for k in range(len(logits))
     ]
     assert [len(objects.models) > 1 for objects in found] == moving
+
+
+@pytest.mark.parametrize(("speed", "found"), [(200.0, 2), (-200.0, 1)], ids=["as it", "otherwise"])
+def test_what_was_cut_off_an_object_and_goes_alike_moves_with_it(
+    told: ToldTracker, speed: float, found: int
+) -> None:
+    """Half of it lies where the object is expected; another part is taken for that."""
+    tracker = told([5.0, -0.5])
+    assign(tracker, (104.0, 60.0, 200.0, 0.0), t_ref=0)
+    later = assign(tracker, (108.0, 60.0, 200.0, 0.0), (120.0, 60.0, speed, 0.0), t_ref=20_000)
+    assert len(later.part_models) - 1 == found
 
 
 @pytest.mark.parametrize(("stays", "moves"), [(True, False), (False, True)])
