@@ -11,14 +11,16 @@ from emseg.motion import undistorted
 from emseg.parts import TILE, Features, Part, Window
 from emseg.rigid_motion import doubt_of_layers, fit_rigid_motion, layers_of
 
-__all__ = ["layer_doubt"]
+__all__ = ["SURELY_STILL", "layer_doubt"]
+
+SURELY_STILL: Final = -1.0
+"""Logit below which a part gives the motion of the still scene."""
 
 _EVENTS: Final = 100  # of a part whose flow says something of the camera's motion
 _AREA: Final = 0.015  # share of the view from which on a part is a layer of its own
 _MOST: Final = 12  # parts that the camera's motion is taken from
 _STRANGE: Final = 2.5  # standard deviations that no motion of the camera explains
 _COMPANY: Final = 2.0  # how much the area of what is strange counts against that of what it touches
-_SURELY_STILL: Final = -1.0  # logit
 
 
 def layer_doubt(
@@ -38,7 +40,7 @@ def layer_doubt(
     used = sorted(known, key=lambda k: -parts[k].area)[:_MOST]
     areas = np.array([parts[k].area for k in used])
     clear = (areas >= _AREA) & (firm[used] > 0.3)
-    if clear.sum() < 3 or background not in used or np.delete(logits, background).max() < _SURELY_STILL:
+    if clear.sum() < 3 or background not in used or np.delete(logits, background).max() < SURELY_STILL:
         return doubt
     places: Features = np.stack([_some_places(parts[k]) for k in used])
     flows = np.stack([window.displacements(parts[k].model, at) for k, at in zip(used, places, strict=True)])

@@ -63,6 +63,10 @@ class Part:
         left, top, right, bottom = self.box
         return (left + right) / 2, (top + bottom) / 2
 
+    def share_in(self, tiles: npt.NDArray[np.bool_]) -> float:
+        """Share of the part's tiles that are among these (rows, columns); 0 where it holds none."""
+        return float(tiles[self.tiles].mean()) if self.tiles.any() else 0.0
+
     def touches(self, other: Part) -> bool:
         """Whether tiles of the two are the same or side by side."""
         grown = other.tiles.copy()

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from emseg import _core
 from emseg.events import EventArray
-from emseg.layers import layer_doubt
+from emseg.layers import SURELY_STILL, layer_doubt
 from emseg.motion import MotionModel
 from emseg.parts import TILE, Features, Part, Window
 from emseg.still_scene import agreed_motion, sight, still_motion
@@ -45,7 +45,6 @@ __all__ = [
 MIN_EVENTS: Final = 30
 """Of a part: what is smaller is not learnt from."""
 
-_SURELY_STILL: Final = -1.0  # logit
 _AVOID: Final = 0.7  # how much less likely a part of ambiguous motion is taken for the background
 _STILL_PX: Final = 1.0  # over the window: what moves less lies still in the image
 _FIRM: Final = 0.05  # nats an event that what lies still loses by moving a little
@@ -252,7 +251,7 @@ def moving_logits(
     by_appearance, by_part, by_scene = _classifiers()
     own = np.array([appearance(part, window) for part in parts])
     firm = np.array([firmness(part, window) for part in parts])
-    taken = _EXPECTED * np.array([_share(part.tiles, expected) for part in parts])
+    taken = _EXPECTED * np.array([0.0 if expected is None else part.share_in(expected) for part in parts])
     areas = [part.area for part in parts]
     logits = by_appearance(own) + taken
     chosen = choose_background(areas, own, logits, firm)
@@ -264,18 +263,13 @@ def moving_logits(
     agreed = agreed_motion(parts, chosen, window, sights, np.array(areas) * firm * _stillness(logits))
     against = np.array([motion_against(part, background, window, agreed) for part in parts])
     logits = by_part(np.hstack([own, against])) - _doubt(own) + taken
-    still = [k for k, logit in enumerate(logits) if logit < _SURELY_STILL or k == chosen]
+    still = [k for k, logit in enumerate(logits) if logit < SURELY_STILL or k == chosen]
     clear = [sights[k] for k in still]
     reference = still_motion([parts[k] for k in still], window, ambiguity(own[still]), firm[still], clear)
     against = np.array([motion_against(part, background, window, reference) for part in parts])
     logits = by_scene(np.hstack([own, against])) - _doubt(own) - parallax_doubt(against)
     logits -= layer_doubt(parts, window, chosen, firm * (1 - ambiguity(own)), logits)
     return logits, background, reference
-
-
-def _share(tiles: npt.NDArray[np.bool_], expected: npt.NDArray[np.bool_] | None) -> float:
-    """Of a part's tiles, that are expected ones."""
-    return 0.0 if expected is None or not tiles.any() else float(expected[tiles].mean())
 
 
 def _stillness(logits: Features) -> Features:

@@ -256,10 +256,10 @@ class Tracker:
             return _MEMORY * track.evidence + _went(track, box, window, background, t_ref)
         best = 0.0
         own, still = (window.displacement(m, *part.centre) for m in (part.model, background))
-        for other, tiles in expected if part.tiles.any() else []:
+        for other, tiles in expected:
             way = other.velocity * window.duration
             if np.linalg.norm(own - way) <= 0.5 * np.linalg.norm(still - way):
-                best = max(best, other.evidence * float(tiles[part.tiles].mean()))
+                best = max(best, other.evidence * part.share_in(tiles))
         return _MEMORY * best
 
     def motions(self) -> list[TrackedMotion]:

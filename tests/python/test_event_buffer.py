@@ -69,35 +69,29 @@ def test_windows_by_duration_are_those_of_the_core(times: list[int], at: list[in
     assert found == emseg._core.windows_by_duration(events.t, duration).tolist()
 
 
+def without_crumb(rest: list[int], duration: int, most: int) -> int:
+    """How long the next window is to be, of events so long after its first."""
+    left = rest[-1] + 1
+    if len(rest) > 2 * most or left >= 2 * duration:
+        return duration
+    return left if left <= 1.25 * duration else (left + 1) // 2
+
+
+@pytest.mark.parametrize("to_end", [False, True], ids=["cut", "whole"])
 @given(TIMES, st.lists(st.integers(0, 30), max_size=8), st.integers(1, 60), st.integers(1, 12))
-def test_what_comes_within_a_duration_is_counted(
-    times: list[int], at: list[int], duration: int, most: int
+def test_what_comes_within_a_duration_is_counted_and_the_end_leaves_no_crumb(
+    to_end: bool, times: list[int], at: list[int], duration: int, most: int
 ) -> None:
     events = events_at(times)
     buffer = buffer_of(cut(events, at))
+    count_next = buffer.count_to_end if to_end else buffer.count_within
     while buffer.taken < len(events):
         rest = [int(t) - int(events.t[buffer.taken]) for t in events.t[buffer.taken :]]
-        count = buffer.count_within(duration, most=most)
-        assert count == min(most, sum(since < duration for since in rest))
-        buffer.take(count)
-    assert buffer.count_within(duration, most=most) == 0
-
-
-@given(TIMES, st.lists(st.integers(0, 30), max_size=8), st.integers(1, 60), st.integers(1, 12))
-def test_the_end_of_a_recording_leaves_no_crumb(
-    times: list[int], at: list[int], duration: int, most: int
-) -> None:
-    events = events_at(times)
-    buffer = buffer_of(cut(events, at))
-    while buffer.taken < len(events):
-        rest = [int(t) - int(events.t[buffer.taken]) for t in events.t[buffer.taken :]]
-        wanted, left = duration, rest[-1] + 1
-        if len(rest) <= 2 * most and left < 2 * duration:
-            wanted = left if left <= 1.25 * duration else (left + 1) // 2
-        count = buffer.count_to_end(duration, most=most)
+        wanted = without_crumb(rest, duration, most) if to_end else duration
+        count = count_next(duration, most=most)
         assert count == min(most, sum(since < wanted for since in rest))
         buffer.take(count)
-    assert buffer.count_to_end(duration, most=most) == 0
+    assert count_next(duration, most=most) == 0
 
 
 def test_the_last_windows_by_hand() -> None:
